@@ -1,0 +1,1 @@
+//! Map-to-map transforms without a prior: where does the partner's map lie in mine?

@@ -1,0 +1,1 @@
+//! Candidate loop closures between robots and their registration.

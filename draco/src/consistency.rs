@@ -1,0 +1,1 @@
+//! Which closures to believe: the tests of `draco-consistency` by name.

@@ -1,0 +1,1 @@
+//! Keyframe folders on disk.

@@ -1,0 +1,28 @@
+//! The sonar multi-robot system: keyframes in, one map of all robots out.
+//!
+//! Data flows one way through the modules, in the order they are listed here.
+#![warn(missing_docs)]
+#![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
+
+pub mod keyframe;
+
+pub mod dataset;
+pub mod simulate;
+pub mod sonar;
+
+pub mod local_slam;
+pub mod objects;
+
+pub mod link;
+pub mod message;
+
+pub mod alignment;
+pub mod closure;
+pub mod consistency;
+pub mod two_step;
+
+pub mod mission;
+pub mod robot;
+
+pub mod evaluate;
+pub mod report;

@@ -1,0 +1,1 @@
+//! The acoustic modem between robots.

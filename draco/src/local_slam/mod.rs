@@ -1,0 +1,1 @@
+//! One robot's own map: odometry, sequential matching, loop closures with PCM.

@@ -1,0 +1,1 @@
+//! What robots say to each other, to the byte.

@@ -1,0 +1,1 @@
+//! Many robots over a link, step by step.

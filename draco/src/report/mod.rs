@@ -1,0 +1,1 @@
+//! What a run leaves behind: table, summary, HTML page, trajectories, graph.

@@ -1,0 +1,1 @@
+//! One robot as a state machine without clock, thread, file or socket.

@@ -1,0 +1,1 @@
+//! Simulated missions: worlds, paths, odometry and sonar scans, from one seed.

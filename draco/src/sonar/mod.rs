@@ -1,0 +1,1 @@
+//! From a polar sonar image to points: CFAR detection and fan geometry.

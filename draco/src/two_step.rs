@@ -1,0 +1,1 @@
+//! Two-step distributed pose-graph optimisation.

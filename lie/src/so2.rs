@@ -1,0 +1,36 @@
+use nalgebra::{SMatrix, SVector, UnitComplex};
+
+use crate::LieGroup;
+
+impl LieGroup<1> for UnitComplex<f64> {
+    fn identity() -> Self {
+        UnitComplex::identity()
+    }
+    fn compose(&self, other: &Self) -> Self {
+        self * other
+    }
+    fn inverse(&self) -> Self {
+        UnitComplex::inverse(self)
+    }
+    fn exp(xi: &SVector<f64, 1>) -> Self {
+        UnitComplex::new(xi[0])
+    }
+    fn log(&self) -> SVector<f64, 1> {
+        SVector::<f64, 1>::new(self.angle())
+    }
+    fn adjoint(&self) -> SMatrix<f64, 1, 1> {
+        SMatrix::identity()
+    }
+    fn small_adjoint(_xi: &SVector<f64, 1>) -> SMatrix<f64, 1, 1> {
+        SMatrix::zeros()
+    }
+    fn left_jacobian(_xi: &SVector<f64, 1>) -> SMatrix<f64, 1, 1> {
+        SMatrix::identity()
+    }
+    fn left_jacobian_inverse(_xi: &SVector<f64, 1>) -> SMatrix<f64, 1, 1> {
+        SMatrix::identity()
+    }
+    fn renormalize(&self) -> Self {
+        UnitComplex::new_normalize(self.into_inner())
+    }
+}
