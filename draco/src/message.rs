@@ -1,1 +1,0 @@
-//! What robots say to each other, to the byte.

@@ -1,0 +1,131 @@
+//! What robots say to each other, to the byte.
+//!
+//! A [`Frame`] is what crosses the link: sender, receiver, sequence number, one [`Message`], a checksum. Lengths are
+//! metres, angles radians and points metres on this side; on the wire everything is a whole number (see
+//! [`Resolution`]), so a decoded message is the quantised one. The bits of a message are eight times the bytes of its
+//! frame, nothing is left uncounted.
+//!
+//! Layout: one version byte, the fields in the compact variable-length coding of the `postcard` crate, then the
+//! CRC-32 of all that in four bytes, little end first. A frame with a wrong checksum, an unknown version, left-over
+//! bytes or an impossible value is refused with a [`WireError`] that says which.
+
+mod frame;
+mod quantise;
+
+pub use frame::{BROADCAST, Frame, VERSION, WireError};
+pub use quantise::Resolution;
+
+use nalgebra::{Isometry2, Matrix3, Point2};
+
+use crate::keyframe::RobotId;
+
+/// One keyframe of one robot, as messages name it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct KeyframeId {
+    /// The robot.
+    pub robot: RobotId,
+    /// The keyframe's index within the robot.
+    pub index: u32,
+}
+
+/// An object of the sender's map.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObjectEntry {
+    /// The sender's number of the object.
+    pub id: u32,
+    /// Centre in the sender's map frame, metres.
+    pub centroid: Point2<f64>,
+    /// Longer side of the object's rectangle, metres.
+    pub length: f64,
+    /// Shorter side, metres.
+    pub breadth: f64,
+}
+
+/// Persistent cells of the sender's map.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellMap {
+    /// Edge of a cell, metres; sent in centimetres.
+    pub size: f64,
+    /// Number of the sender's keyframes that the map is made of.
+    pub keyframes: u32,
+    /// Column and row of each occupied cell, ascending; cell `(i, j)` covers `[i, i + 1) x [j, j + 1)` times `size`.
+    pub cells: Vec<[i32; 2]>,
+}
+
+/// A relative-pose measurement inside the sender's own pose graph.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FactorEntry {
+    /// Keyframe the measurement is expressed in.
+    pub from: u32,
+    /// Keyframe that is measured.
+    pub to: u32,
+    /// `from_from_to`.
+    pub measured: Isometry2<f64>,
+    /// Covariance in the frame of `to`, order x, y, theta.
+    pub covariance: Matrix3<f64>,
+}
+
+/// What changed in the sender's own pose graph since its last update.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GraphUpdate {
+    /// Number of keyframes the sender now has.
+    pub keyframes: u32,
+    /// New factors, and changed ones: a factor with the same `from` and `to` is replaced.
+    pub factors: Vec<FactorEntry>,
+    /// Factors that are no longer believed, as `(from, to)`.
+    pub removed: Vec<(u32, u32)>,
+}
+
+/// A loop closure between two robots.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClosureEntry {
+    /// The keyframe that is measured.
+    pub source: KeyframeId,
+    /// The keyframe the measurement is expressed in.
+    pub target: KeyframeId,
+    /// `target_from_source`.
+    pub measured: Isometry2<f64>,
+    /// Covariance in the frame of `source`, order x, y, theta.
+    pub covariance: Matrix3<f64>,
+}
+
+/// The contents of a frame.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Message {
+    /// The sender's object map.
+    Objects(Vec<ObjectEntry>),
+    /// The sender's persistent cells.
+    Cells(CellMap),
+    /// What changed in the sender's pose graph.
+    Graph(GraphUpdate),
+    /// "Send me these keyframes' points."
+    ScanRequest(Vec<u32>),
+    /// The points of one keyframe, in its sensor frame.
+    Scan {
+        /// The keyframe.
+        keyframe: u32,
+        /// Its points, quantised to the scan resolution; equal points are sent once.
+        points: Vec<Point2<f64>>,
+    },
+    /// Closures the sender believes, and ones it no longer does.
+    Closures {
+        /// Newly accepted closures.
+        accepted: Vec<ClosureEntry>,
+        /// Closures withdrawn, by source and target.
+        retracted: Vec<(KeyframeId, KeyframeId)>,
+    },
+}
+
+impl Message {
+    /// Name of the message type, as it stands in tables and in `summary.json`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Message::Objects(_) => "objects",
+            Message::Cells(_) => "cells",
+            Message::Graph(_) => "graph",
+            Message::ScanRequest(_) => "scan_request",
+            Message::Scan { .. } => "scan",
+            Message::Closures { .. } => "closures",
+        }
+    }
+}

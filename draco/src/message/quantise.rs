@@ -1,0 +1,340 @@
+//! From SI units to whole numbers and back, and the shape of a message on the wire.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
+use serde::{Deserialize, Serialize};
+
+use super::{CellMap, ClosureEntry, FactorEntry, GraphUpdate, KeyframeId, Message, ObjectEntry, WireError};
+
+/// Step sizes of everything that is quantised. They are part of the wire format: both ends must agree.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resolution;
+
+impl Resolution {
+    /// Positions of poses: 1 cm, a tenth of the best registration sigma seen on real sonar.
+    pub const POSITION_M: f64 = 0.01;
+    /// Headings: 0.2 mrad, 2 cm at 100 m.
+    pub const ANGLE_RAD: f64 = 2e-4;
+    /// Points of a scan: 0.1 m; features are thinned to one in 0.3 to 0.5 m before.
+    pub const SCAN_M: f64 = 0.1;
+    /// Centres and sides of objects: 0.1 m.
+    pub const OBJECT_M: f64 = 0.1;
+    /// Smallest sigma that can be sent, metres or radians.
+    pub const SIGMA_MIN: f64 = 1e-4;
+    /// Ratio of neighbouring sigmas: 255 steps of 6 % reach from 1e-4 to 2.8e2.
+    pub const SIGMA_RATIO: f64 = 1.06;
+}
+
+/// Largest length on the wire, metres: 100 km, past any mission of these vehicles.
+const MAX_LENGTH_M: f64 = 1e5;
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct WirePose {
+    x: i32,
+    y: i32,
+    theta: i32,
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct WireCovariance {
+    /// Logarithm of the sigmas of x, y, theta.
+    sigmas: [u8; 3],
+    /// Partial correlations xy, x theta, and y theta given x; any values give a positive definite matrix.
+    partial: [i8; 3],
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct WireRow {
+    /// Rows skipped since the last one.
+    skip: u32,
+    /// First column, then gaps between columns.
+    first: i32,
+    gaps: Vec<u32>,
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct WireCells {
+    first_row: i32,
+    rows: Vec<WireRow>,
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct WireObject {
+    id: u32,
+    centroid: [i32; 2],
+    sides: [u32; 2],
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct WireFactor {
+    from: u32,
+    to: u32,
+    measured: WirePose,
+    covariance: WireCovariance,
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct WireId {
+    robot: u8,
+    index: u32,
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct WireClosure {
+    source: WireId,
+    target: WireId,
+    measured: WirePose,
+    covariance: WireCovariance,
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) enum WireMessage {
+    Objects(Vec<WireObject>),
+    Cells { size_cm: u32, keyframes: u32, cells: WireCells },
+    Graph { keyframes: u32, factors: Vec<WireFactor>, removed: Vec<(u32, u32)> },
+    ScanRequest(Vec<u32>),
+    Scan { keyframe: u32, cells: WireCells },
+    Closures { accepted: Vec<WireClosure>, retracted: Vec<(WireId, WireId)> },
+}
+
+fn steps(value: f64, step: f64, what: &'static str) -> Result<i32, WireError> {
+    if !value.is_finite() || value.abs() > MAX_LENGTH_M {
+        return Err(WireError::Value { what });
+    }
+    Ok((value / step).round() as i32)
+}
+
+fn sigma_step(sigma: f64) -> u8 {
+    ((sigma / Resolution::SIGMA_MIN).ln() / Resolution::SIGMA_RATIO.ln()).round().clamp(0.0, 255.0) as u8
+}
+
+impl WirePose {
+    fn new(pose: &Isometry2<f64>) -> Result<Self, WireError> {
+        Ok(WirePose {
+            x: steps(pose.translation.x, Resolution::POSITION_M, "x of a pose")?,
+            y: steps(pose.translation.y, Resolution::POSITION_M, "y of a pose")?,
+            theta: steps(pose.rotation.angle(), Resolution::ANGLE_RAD, "heading of a pose")?,
+        })
+    }
+
+    fn pose(&self) -> Isometry2<f64> {
+        let t = Vector2::new(f64::from(self.x), f64::from(self.y)) * Resolution::POSITION_M;
+        Isometry2::new(t, f64::from(self.theta) * Resolution::ANGLE_RAD)
+    }
+}
+
+impl WireCovariance {
+    fn new(covariance: &Matrix3<f64>) -> Result<Self, WireError> {
+        let error = || WireError::Value { what: "a covariance that is not positive definite" };
+        let l = covariance.cholesky().ok_or_else(error)?.l();
+        let sigmas = [0, 1, 2].map(|i| covariance[(i, i)].sqrt());
+        if sigmas.iter().any(|s| !s.is_finite() || *s <= 0.0) {
+            return Err(error());
+        }
+        // rows of the Cholesky factor of the correlation matrix are the partial correlations, nested
+        let r12 = l[(1, 0)] / sigmas[1];
+        let r13 = l[(2, 0)] / sigmas[2];
+        let r23 = l[(2, 1)] / sigmas[2] / (1.0 - r13 * r13).sqrt().max(1e-9);
+        let partial = [r12, r13, r23].map(|r| (r * 127.0).round().clamp(-126.0, 126.0) as i8);
+        Ok(WireCovariance { sigmas: sigmas.map(sigma_step), partial })
+    }
+
+    fn matrix(&self) -> Matrix3<f64> {
+        let s = self.sigmas.map(|k| Resolution::SIGMA_MIN * Resolution::SIGMA_RATIO.powi(i32::from(k)));
+        // -127 and -128 are never sent; clamping keeps a foreign frame positive definite all the same
+        let [r12, r13, r23] = self.partial.map(|r| f64::from(r.clamp(-126, 126)) / 127.0);
+        let rest = (1.0 - r13 * r13).sqrt();
+        let l = Matrix3::new(
+            s[0],
+            0.0,
+            0.0,
+            s[1] * r12,
+            s[1] * (1.0 - r12 * r12).sqrt(),
+            0.0,
+            s[2] * r13,
+            s[2] * rest * r23,
+            s[2] * rest * (1.0 - r23 * r23).sqrt(),
+        );
+        l * l.transpose()
+    }
+}
+
+impl WireCells {
+    /// `cells` as `[column, row]` in any order; equal ones are written once.
+    fn new(cells: impl Iterator<Item = [i32; 2]>) -> Self {
+        let sorted: BTreeSet<(i32, i32)> = cells.map(|[column, row]| (row, column)).collect();
+        let first_row = sorted.first().map_or(0, |c| c.0);
+        let mut rows: Vec<WireRow> = Vec::new();
+        let mut last = (first_row, 0);
+        for (row, column) in sorted {
+            match rows.last_mut() {
+                Some(current) if row == last.0 => current.gaps.push(column.wrapping_sub(last.1) as u32 - 1),
+                _ => rows.push(WireRow {
+                    skip: row.wrapping_sub(last.0) as u32,
+                    first: column,
+                    gaps: Vec::new(),
+                }),
+            }
+            last = (row, column);
+        }
+        WireCells { first_row, rows }
+    }
+
+    /// The cells again, ascending in row and then column.
+    fn cells(&self) -> Result<Vec<[i32; 2]>, WireError> {
+        let error = || WireError::Value { what: "a cell outside the range of the grid" };
+        let mut cells = Vec::new();
+        let mut row = self.first_row;
+        for entry in &self.rows {
+            row = row.checked_add_unsigned(entry.skip).ok_or_else(error)?;
+            let mut column = entry.first;
+            cells.push([column, row]);
+            for gap in &entry.gaps {
+                column =
+                    column.checked_add_unsigned(*gap).and_then(|c| c.checked_add(1)).ok_or_else(error)?;
+                cells.push([column, row]);
+            }
+        }
+        Ok(cells)
+    }
+}
+
+impl WireId {
+    fn new(id: KeyframeId) -> Result<Self, WireError> {
+        let robot =
+            u8::try_from(id.robot).map_err(|_| WireError::Value { what: "a robot number above 254" })?;
+        Ok(WireId { robot, index: id.index })
+    }
+
+    fn id(&self) -> KeyframeId {
+        KeyframeId { robot: u32::from(self.robot), index: self.index }
+    }
+}
+
+impl WireMessage {
+    pub(super) fn new(message: &Message) -> Result<Self, WireError> {
+        Ok(match message {
+            Message::Objects(objects) => {
+                WireMessage::Objects(objects.iter().map(object_to_wire).collect::<Result<_, _>>()?)
+            }
+            Message::Cells(map) => WireMessage::Cells {
+                size_cm: u32::try_from(steps(map.size, 0.01, "the size of a cell")?)
+                    .ok()
+                    .filter(|size| *size > 0)
+                    .ok_or(WireError::Value { what: "the size of a cell" })?,
+                keyframes: map.keyframes,
+                cells: WireCells::new(map.cells.iter().copied()),
+            },
+            Message::Graph(update) => WireMessage::Graph {
+                keyframes: update.keyframes,
+                factors: update.factors.iter().map(factor_to_wire).collect::<Result<_, _>>()?,
+                removed: update.removed.clone(),
+            },
+            Message::ScanRequest(keyframes) => WireMessage::ScanRequest(keyframes.clone()),
+            Message::Scan { keyframe, points } => {
+                let mut cells = Vec::with_capacity(points.len());
+                for p in points {
+                    let column = steps(p.x, Resolution::SCAN_M, "x of a point")?;
+                    cells.push([column, steps(p.y, Resolution::SCAN_M, "y of a point")?]);
+                }
+                WireMessage::Scan { keyframe: *keyframe, cells: WireCells::new(cells.into_iter()) }
+            }
+            Message::Closures { accepted, retracted } => WireMessage::Closures {
+                accepted: accepted.iter().map(closure_to_wire).collect::<Result<_, _>>()?,
+                retracted: retracted
+                    .iter()
+                    .map(|(source, target)| Ok((WireId::new(*source)?, WireId::new(*target)?)))
+                    .collect::<Result<_, WireError>>()?,
+            },
+        })
+    }
+
+    pub(super) fn message(&self) -> Result<Message, WireError> {
+        Ok(match self {
+            WireMessage::Objects(objects) => Message::Objects(objects.iter().map(object_from_wire).collect()),
+            WireMessage::Cells { size_cm, keyframes, cells } => {
+                if *size_cm == 0 || f64::from(*size_cm) * 0.01 > MAX_LENGTH_M {
+                    return Err(WireError::Value { what: "the size of a cell" });
+                }
+                let size = f64::from(*size_cm) * 0.01;
+                Message::Cells(CellMap { size, keyframes: *keyframes, cells: cells.cells()? })
+            }
+            WireMessage::Graph { keyframes, factors, removed } => {
+                let out_of_range = factors.iter().any(|f| f.from.max(f.to) >= *keyframes || f.from == f.to);
+                if out_of_range {
+                    return Err(WireError::Value {
+                        what: "a factor of a keyframe that the sender does not have",
+                    });
+                }
+                Message::Graph(GraphUpdate {
+                    keyframes: *keyframes,
+                    factors: factors.iter().map(factor_from_wire).collect(),
+                    removed: removed.clone(),
+                })
+            }
+            WireMessage::ScanRequest(keyframes) => Message::ScanRequest(keyframes.clone()),
+            WireMessage::Scan { keyframe, cells } => {
+                let point = |[x, y]: [i32; 2]| Point2::new(f64::from(x), f64::from(y)) * Resolution::SCAN_M;
+                Message::Scan { keyframe: *keyframe, points: cells.cells()?.into_iter().map(point).collect() }
+            }
+            WireMessage::Closures { accepted, retracted } => Message::Closures {
+                accepted: accepted.iter().map(closure_from_wire).collect(),
+                retracted: retracted.iter().map(|(source, target)| (source.id(), target.id())).collect(),
+            },
+        })
+    }
+}
+
+fn object_to_wire(object: &ObjectEntry) -> Result<WireObject, WireError> {
+    let side = |length: f64| {
+        u32::try_from(steps(length, Resolution::OBJECT_M, "a side of an object")?)
+            .map_err(|_| WireError::Value { what: "a side of an object" })
+    };
+    Ok(WireObject {
+        id: object.id,
+        centroid: [
+            steps(object.centroid.x, Resolution::OBJECT_M, "x of an object")?,
+            steps(object.centroid.y, Resolution::OBJECT_M, "y of an object")?,
+        ],
+        sides: [side(object.length)?, side(object.breadth)?],
+    })
+}
+
+fn object_from_wire(object: &WireObject) -> ObjectEntry {
+    let [x, y] = object.centroid.map(|c| f64::from(c) * Resolution::OBJECT_M);
+    let [length, breadth] = object.sides.map(|s| f64::from(s) * Resolution::OBJECT_M);
+    ObjectEntry { id: object.id, centroid: Point2::new(x, y), length, breadth }
+}
+
+fn factor_to_wire(factor: &FactorEntry) -> Result<WireFactor, WireError> {
+    Ok(WireFactor {
+        from: factor.from,
+        to: factor.to,
+        measured: WirePose::new(&factor.measured)?,
+        covariance: WireCovariance::new(&factor.covariance)?,
+    })
+}
+
+fn factor_from_wire(factor: &WireFactor) -> FactorEntry {
+    let (measured, covariance) = (factor.measured.pose(), factor.covariance.matrix());
+    FactorEntry { from: factor.from, to: factor.to, measured, covariance }
+}
+
+fn closure_to_wire(closure: &ClosureEntry) -> Result<WireClosure, WireError> {
+    Ok(WireClosure {
+        source: WireId::new(closure.source)?,
+        target: WireId::new(closure.target)?,
+        measured: WirePose::new(&closure.measured)?,
+        covariance: WireCovariance::new(&closure.covariance)?,
+    })
+}
+
+fn closure_from_wire(closure: &WireClosure) -> ClosureEntry {
+    ClosureEntry {
+        source: closure.source.id(),
+        target: closure.target.id(),
+        measured: closure.measured.pose(),
+        covariance: closure.covariance.matrix(),
+    }
+}
