@@ -1,4 +1,6 @@
 //! Chi-square quantiles and gates: the largest squared Mahalanobis distance still believed.
+//!
+//! Start with [`gate`]; take [`quantile`] once and compare yourself in a hot loop.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -6,6 +8,9 @@ use crate::Error;
 
 /// Quantile of the chi-square distribution: the value below which a share `probability` of draws with
 /// `degrees_of_freedom` lies.
+///
+/// * `probability` – in (0, 1); 0.99 believes 99 % of what is true.
+/// * `degrees_of_freedom` – length of the residual: 3 in SE(2), 6 in SE(3).
 ///
 /// # Errors
 /// [`Error::Probability`] unless 0 < `probability` < 1, [`Error::DegreesOfFreedom`] when it is zero.
@@ -21,4 +26,28 @@ pub fn quantile(probability: f64, degrees_of_freedom: usize) -> Result<f64, Erro
     }
     let distribution = ChiSquared::new(degrees_of_freedom as f64).map_err(|_| Error::DegreesOfFreedom)?;
     Ok(distribution.inverse_cdf(probability))
+}
+
+/// Whether a squared Mahalanobis distance is one that a true pair shows with the given probability:
+/// `distance_sq <= quantile(probability, degrees_of_freedom)`.
+///
+/// * `distance_sq` – squared Mahalanobis distance (no unit), as from
+///   [`GaussianPose::mahalanobis_sq`](crate::GaussianPose::mahalanobis_sq).
+///
+/// # Errors
+/// Those of [`quantile`]; [`Error::NotFinite`] or [`Error::NegativeDistance`] for a distance that is none.
+///
+/// ```
+/// assert!(draco_lie::chi2::gate(7.8, 0.95, 3)?);
+/// assert!(!draco_lie::chi2::gate(7.9, 0.95, 3)?);
+/// # Ok::<(), draco_lie::Error>(())
+/// ```
+pub fn gate(distance_sq: f64, probability: f64, degrees_of_freedom: usize) -> Result<bool, Error> {
+    if !distance_sq.is_finite() {
+        return Err(Error::NotFinite { what: "the squared distance", index: 0, value: distance_sq });
+    }
+    if distance_sq < 0.0 {
+        return Err(Error::NegativeDistance { value: distance_sq });
+    }
+    Ok(distance_sq <= quantile(probability, degrees_of_freedom)?)
 }

@@ -2,6 +2,8 @@ use std::fmt::Debug;
 
 use nalgebra::{SMatrix, SVector};
 
+use crate::Error;
+
 /// A matrix Lie group of dimension `N` whose elements are poses or rotations.
 ///
 /// Tangent vectors have order **translation, rotation** (`[ρ, θ]` in SE(2), `[ρ, φ]` in SE(3)), metres and
@@ -46,6 +48,12 @@ pub trait LieGroup<const N: usize>: Copy + PartialEq + Debug + Send + Sync + 'st
 
     /// The same element with its rotation brought back to unit norm.
     fn renormalize(&self) -> Self;
+
+    /// `Ok` iff the element is finite and its rotation has unit norm (to 1e-9).
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] or [`Error::NotUnit`].
+    fn check(&self) -> Result<(), Error>;
 
     /// The relative element `self⁻¹ · other`.
     fn between(&self, other: &Self) -> Self {

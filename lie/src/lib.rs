@@ -10,7 +10,9 @@
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
 
 pub mod chi2;
+mod cholesky;
 mod error;
+mod gaussian;
 mod group;
 mod se2;
 mod se3;
@@ -18,5 +20,6 @@ mod so2;
 mod so3;
 
 pub use error::Error;
+pub use gaussian::{GaussianPose, GaussianPose2, GaussianPose3, transport};
 pub use group::LieGroup;
 pub use so3::{hat3, vee3};

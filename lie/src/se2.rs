@@ -1,6 +1,7 @@
 use nalgebra::{Isometry2, Matrix2, Matrix3, Translation2, UnitComplex, Vector2, Vector3};
 
-use crate::LieGroup;
+use crate::cholesky::check_finite;
+use crate::{Error, LieGroup};
 
 /// `sin θ / θ` and `(1 - cos θ) / θ`.
 fn sinc_and_cosc(theta: f64) -> (f64, f64) {
@@ -62,6 +63,10 @@ impl LieGroup<3> for Isometry2<f64> {
         let v = Matrix2::new(s, c, -c, s) / n;
         let q = -(v * Vector2::new(j[(0, 2)], j[(1, 2)]));
         Matrix3::new(v.m11, v.m12, q.x, v.m21, v.m22, q.y, 0.0, 0.0, 1.0)
+    }
+    fn check(&self) -> Result<(), Error> {
+        check_finite(&self.translation.vector, "the translation")?;
+        LieGroup::check(&self.rotation)
     }
     fn renormalize(&self) -> Self {
         Isometry2::from_parts(self.translation, LieGroup::renormalize(&self.rotation))

@@ -1,7 +1,8 @@
 use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3, Vector6};
 
-use crate::LieGroup;
+use crate::cholesky::check_finite;
 use crate::so3::{hat3, jacobian_coefficients};
+use crate::{Error, LieGroup};
 
 fn parts(xi: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (Vector3::new(xi[0], xi[1], xi[2]), Vector3::new(xi[3], xi[4], xi[5]))
@@ -80,6 +81,10 @@ impl LieGroup<6> for Isometry3<f64> {
         let (rho, phi) = parts(xi);
         let j = <UnitQuaternion<f64> as LieGroup<3>>::left_jacobian_inverse(&phi);
         blocks(&j, &(-(j * q_block(&rho, &phi) * j)), &j)
+    }
+    fn check(&self) -> Result<(), Error> {
+        check_finite(&self.translation.vector, "the translation")?;
+        LieGroup::check(&self.rotation)
     }
     fn renormalize(&self) -> Self {
         Isometry3::from_parts(self.translation, LieGroup::renormalize(&self.rotation))

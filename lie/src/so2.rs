@@ -1,6 +1,7 @@
-use nalgebra::{SMatrix, SVector, UnitComplex};
+use nalgebra::{SMatrix, SVector, UnitComplex, Vector2};
 
-use crate::LieGroup;
+use crate::cholesky::{check_finite, check_unit};
+use crate::{Error, LieGroup};
 
 impl LieGroup<1> for UnitComplex<f64> {
     fn identity() -> Self {
@@ -29,6 +30,10 @@ impl LieGroup<1> for UnitComplex<f64> {
     }
     fn left_jacobian_inverse(_xi: &SVector<f64, 1>) -> SMatrix<f64, 1, 1> {
         SMatrix::identity()
+    }
+    fn check(&self) -> Result<(), Error> {
+        check_finite(&Vector2::new(self.re, self.im), "the rotation")?;
+        check_unit(Vector2::new(self.re, self.im).norm())
     }
     fn renormalize(&self) -> Self {
         UnitComplex::new_normalize(self.into_inner())

@@ -1,6 +1,7 @@
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
-use crate::LieGroup;
+use crate::cholesky::{check_finite, check_unit};
+use crate::{Error, LieGroup};
 
 /// The skew-symmetric matrix of `v`: `hat3(v) · w = v × w`.
 pub fn hat3(v: &Vector3<f64>) -> Matrix3<f64> {
@@ -75,6 +76,10 @@ impl LieGroup<3> for UnitQuaternion<f64> {
         };
         let w = hat3(phi);
         Matrix3::identity() - w * 0.5 + w * w * d
+    }
+    fn check(&self) -> Result<(), Error> {
+        check_finite(&self.coords, "the rotation")?;
+        check_unit(self.coords.norm())
     }
     fn renormalize(&self) -> Self {
         UnitQuaternion::new_normalize(self.into_inner())
