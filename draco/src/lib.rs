@@ -4,6 +4,7 @@
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
 
+mod error;
 pub mod keyframe;
 
 pub mod dataset;
@@ -26,3 +27,5 @@ pub mod robot;
 
 pub mod evaluate;
 pub mod report;
+
+pub use error::Error;
