@@ -1,0 +1,179 @@
+use nalgebra::Point2;
+
+use crate::error::{Error, check};
+
+/// Most cells a field may have: 64 MiB of `f32`.
+const CELL_LIMIT: u64 = 1 << 24;
+
+/// How finely a [`DistanceField`] is sampled and how far it looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FieldParams {
+    /// Edge of a cell in metres. Default 0.25 m: half of the 0.5 m to which sonar scans are thinned.
+    pub cell: f64,
+    /// Distance in metres beyond which a cell counts as having no point near. Default 1.8 m: three times the
+    /// default width of the matcher's kernel, where the kernel has fallen to 1 %.
+    pub reach: f64,
+}
+
+impl Default for FieldParams {
+    fn default() -> Self {
+        Self { cell: 0.25, reach: 1.8 }
+    }
+}
+
+/// Distance from the centre of every cell of a grid to the nearest point of a set, exact up to a reach.
+///
+/// Cost to build: `n (2 reach / cell)²` for `n` points.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DistanceField {
+    params: FieldParams,
+    origin: Point2<f64>,
+    columns: usize,
+    rows: usize,
+    distance_sq: Vec<f32>,
+}
+
+impl DistanceField {
+    /// The field of `points` (metres) over their bounding box widened by the reach.
+    ///
+    /// # Errors
+    /// No point, a coordinate that is not finite, a cell or reach that is not positive, or points so far apart that
+    /// the grid would exceed 2²⁴ cells.
+    pub fn new(points: &[Point2<f64>], params: &FieldParams) -> Result<Self, Error> {
+        for (name, value) in [("cell", params.cell), ("reach", params.reach)] {
+            check(name, value, value > 0.0 && value.is_finite(), "positive and finite")?;
+        }
+        let (low, high) = bounds(points)?;
+        let margin = params.reach + params.cell;
+        let origin = Point2::new(low.x - margin, low.y - margin);
+        let columns = ((high.x - low.x + 2.0 * margin) / params.cell).ceil() + 1.0;
+        let rows = ((high.y - low.y + 2.0 * margin) / params.cell).ceil() + 1.0;
+        if columns * rows > CELL_LIMIT as f64 {
+            return Err(Error::GridTooLarge { cells: (columns * rows) as u64, limit: CELL_LIMIT });
+        }
+        let (columns, rows) = (columns as usize, rows as usize);
+        let far = (params.reach * params.reach) as f32;
+        let mut field =
+            Self { params: *params, origin, columns, rows, distance_sq: vec![far; columns * rows] };
+        for point in points {
+            field.stamp(point);
+        }
+        Ok(field)
+    }
+
+    /// Lowers the distances around one point.
+    fn stamp(&mut self, point: &Point2<f64>) {
+        let cell = self.params.cell;
+        let (x, y) = ((point.x - self.origin.x) / cell, (point.y - self.origin.y) / cell);
+        let reach = self.params.reach / cell;
+        let range = |at: f64, count: usize| {
+            let first = (at - reach - 0.5).ceil().max(0.0) as usize;
+            let last = (at + reach - 0.5).floor().max(0.0) as usize;
+            first..(last + 1).min(count)
+        };
+        let cell_sq = cell * cell;
+        for row in range(y, self.rows) {
+            let dy = row as f64 + 0.5 - y;
+            let line = &mut self.distance_sq[row * self.columns..(row + 1) * self.columns];
+            for column in range(x, self.columns) {
+                let dx = column as f64 + 0.5 - x;
+                let distance_sq = ((dx * dx + dy * dy) * cell_sq) as f32;
+                if distance_sq < line[column] {
+                    line[column] = distance_sq;
+                }
+            }
+        }
+    }
+
+    /// The parameters the field was built with.
+    pub fn params(&self) -> &FieldParams {
+        &self.params
+    }
+
+    /// Lower left corner of the grid, metres.
+    pub fn origin(&self) -> Point2<f64> {
+        self.origin
+    }
+
+    /// Cells along x.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Cells along y.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Squared distances in m², row after row, each at most the reach squared.
+    pub fn distance_sq(&self) -> &[f32] {
+        &self.distance_sq
+    }
+
+    /// Distance in metres from the centre of the cell that holds `point` to the nearest point of the set; `None`
+    /// where there is none within the reach.
+    pub fn distance(&self, point: &Point2<f64>) -> Option<f64> {
+        let column = ((point.x - self.origin.x) / self.params.cell).floor();
+        let row = ((point.y - self.origin.y) / self.params.cell).floor();
+        if !(column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64) {
+            return None;
+        }
+        let distance_sq = f64::from(self.distance_sq[row as usize * self.columns + column as usize]);
+        let reach_sq = self.params.reach * self.params.reach;
+        (distance_sq < reach_sq * (1.0 - 1e-6)).then(|| distance_sq.sqrt())
+    }
+}
+
+/// Corners of the box around `points`.
+pub(super) fn bounds(points: &[Point2<f64>]) -> Result<(Point2<f64>, Point2<f64>), Error> {
+    if points.is_empty() {
+        return Err(Error::TooFewPoints { what: "the set", found: 0, needed: 1 });
+    }
+    let mut low = Point2::new(f64::INFINITY, f64::INFINITY);
+    let mut high = Point2::new(f64::NEG_INFINITY, f64::NEG_INFINITY);
+    for (index, point) in points.iter().enumerate() {
+        if !(point.x.is_finite() && point.y.is_finite()) {
+            return Err(Error::NonFinitePoint { index });
+        }
+        low = low.inf(point);
+        high = high.sup(point);
+    }
+    Ok((low, high))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn distances_agree_with_brute_force(
+            points in prop::collection::vec((-20.0..20.0f64, -15.0..15.0f64), 1..60),
+            at in (-25.0..25.0f64, -20.0..20.0f64),
+        ) {
+            let points: Vec<_> = points.iter().map(|&(x, y)| Point2::new(x, y)).collect();
+            let field = DistanceField::new(&points, &FieldParams::default()).unwrap();
+            let cell = field.params().cell;
+            let centre = |v: f64, o: f64| o + (((v - o) / cell).floor() + 0.5) * cell;
+            let middle = Point2::new(centre(at.0, field.origin().x), centre(at.1, field.origin().y));
+            let nearest = points.iter().map(|p| (p - middle).norm()).fold(f64::INFINITY, f64::min);
+            match field.distance(&Point2::new(at.0, at.1)) {
+                Some(distance) => prop_assert!((distance - nearest).abs() < 1e-5),
+                None => prop_assert!(nearest >= field.params().reach * (1.0 - 1e-5)),
+            }
+        }
+    }
+
+    #[test]
+    fn bad_points_are_refused() {
+        let params = FieldParams::default();
+        let far = [Point2::origin(), Point2::new(1e7, 1e7)];
+        assert!(matches!(DistanceField::new(&far, &params), Err(Error::GridTooLarge { .. })));
+        let nan = [Point2::origin(), Point2::new(f64::NAN, 0.0)];
+        assert_eq!(DistanceField::new(&nan, &params), Err(Error::NonFinitePoint { index: 1 }));
+        assert!(DistanceField::new(&[], &params).is_err());
+        assert!(DistanceField::new(&far[..1], &FieldParams { cell: 0.0, ..params }).is_err());
+    }
+}
