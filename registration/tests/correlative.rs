@@ -134,7 +134,8 @@ fn a_straight_wall_leaves_its_own_direction_open() {
     assert!(found.covariance[(0, 0)].sqrt() > 1.3, "along the wall nothing is known: {}", found.covariance);
     assert!(found.covariance[(1, 1)].sqrt() < 0.4, "across it the wall tells: {}", found.covariance);
     let middle = found.target_from_source * Point2::new(7.25, 0.0);
-    assert!(middle.y.abs() < 0.15, "{middle}");
+    // A wall along the grid: all its points fall on the same side of their cells, half a cell and half a step in all.
+    assert!(middle.y.abs() < 0.375, "{middle}");
 }
 
 #[test]
