@@ -1,8 +1,36 @@
-//! Where a scan lies.
+//! Where a scan lies, and how sure that is.
+//!
+//! Start with a [`Cloud`] for each scan, prepare one as [`Target`] and call [`Target::align`] with a preset of
+//! [`IcpParams`]. The same code serves 2-D (`Isometry2<f64>`) and 3-D (`Isometry3<f64>`).
+//!
+//! Tangent order is **translation, then rotation**; perturbations are on the right, so a covariance is in the
+//! frame of the source.
+#![doc = include_str!("../README.md")]
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
 
+mod cloud;
 pub mod correlative;
+mod downsample;
 mod error;
+mod icp;
+mod kd_tree;
+mod linalg;
+mod motion;
+mod normals;
+mod outlier;
 
+pub use cloud::Cloud;
+pub use downsample::{mean_downsample, medoid_downsample, medoid_indices};
 pub use error::Error;
+pub use icp::{
+    Covariance, IcpParams, Kernel, Matcher, Optimizer, Overlap, Registration, Rejector, Residual,
+    ResidualStatistics, StopRule, Target, Termination,
+};
+pub use kd_tree::{KdTree, Neighbor};
+pub use motion::RigidMotion;
+pub use outlier::{radius_outlier_filter, radius_outlier_indices};
+
+/// Standard deviation given to degenerate directions in a covariance, metres (and radians times the size of the
+/// scan): far beyond any scan, yet harmless when inverted.
+pub const DEGENERATE_SIGMA: f64 = 1e3;

@@ -1,0 +1,73 @@
+/// Robust kernel: how the weight of a pair falls with its residual.
+///
+/// `scale` is the residual (metres) at which the weight has clearly fallen; below it pairs count almost fully.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Kernel {
+    /// Least squares: weight 1.
+    #[default]
+    None,
+    /// `min(1, s/|r|)`.
+    Huber {
+        /// `s`, metres.
+        scale: f64,
+    },
+    /// `1 / (1 + (r/s)²)`.
+    Cauchy {
+        /// `s`, metres.
+        scale: f64,
+    },
+    /// `(1 - (r/s)²)²` inside `s`, 0 outside.
+    Tukey {
+        /// `s`, metres.
+        scale: f64,
+    },
+    /// `1 / (1 + (r/s)²)²`.
+    GemanMcClure {
+        /// `s`, metres.
+        scale: f64,
+    },
+    /// `exp(-(r/s)²)`.
+    Welsch {
+        /// `s`, metres.
+        scale: f64,
+    },
+}
+
+impl Kernel {
+    /// Weight of a pair with this squared residual.
+    #[inline]
+    pub fn weight(&self, residual_sq: f64) -> f64 {
+        match *self {
+            Kernel::None => 1.0,
+            Kernel::Huber { scale } => {
+                if residual_sq <= scale * scale {
+                    1.0
+                } else {
+                    scale / residual_sq.sqrt()
+                }
+            }
+            Kernel::Cauchy { scale } => 1.0 / (1.0 + residual_sq / (scale * scale)),
+            Kernel::Tukey { scale } => {
+                let inside = (1.0 - residual_sq / (scale * scale)).max(0.0);
+                inside * inside
+            }
+            Kernel::GemanMcClure { scale } => {
+                let w = 1.0 / (1.0 + residual_sq / (scale * scale));
+                w * w
+            }
+            Kernel::Welsch { scale } => (-residual_sq / (scale * scale)).exp(),
+        }
+    }
+
+    /// Its scale, metres; `None` for least squares.
+    pub fn scale(&self) -> Option<f64> {
+        match *self {
+            Kernel::None => None,
+            Kernel::Huber { scale }
+            | Kernel::Cauchy { scale }
+            | Kernel::Tukey { scale }
+            | Kernel::GemanMcClure { scale }
+            | Kernel::Welsch { scale } => Some(scale),
+        }
+    }
+}

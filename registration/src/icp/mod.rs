@@ -1,0 +1,15 @@
+mod align;
+mod association;
+mod covariance;
+mod kernel;
+mod normal_equations;
+mod outcome;
+mod params;
+mod rejector;
+mod target;
+
+pub use kernel::Kernel;
+pub use outcome::{Registration, ResidualStatistics, Termination};
+pub use params::{Covariance, IcpParams, Matcher, Optimizer, Residual, StopRule};
+pub use rejector::Rejector;
+pub use target::{Overlap, Target};

@@ -1,0 +1,128 @@
+use nalgebra::{SMatrix, SVector};
+
+use super::Residual;
+use crate::motion::RigidMotion;
+
+/// Flatness of the covariances of plane-to-plane ICP: variance across over variance along.
+const FLATNESS: f64 = 1e-3;
+
+/// `Σ w Jᵀ M J` and `Σ w Jᵀ M e` of the pairs, for a small motion about the source's centre, axes of the target.
+#[derive(Debug, Clone)]
+pub(crate) struct NormalEquations<const N: usize> {
+    pub(crate) h: SMatrix<f64, N, N>,
+    pub(crate) g: SVector<f64, N>,
+    pub(crate) cost: f64,
+    pub(crate) weight: f64,
+}
+
+impl<const N: usize> NormalEquations<N> {
+    pub(crate) fn zero() -> Self {
+        Self { h: SMatrix::zeros(), g: SVector::zeros(), cost: 0.0, weight: 0.0 }
+    }
+
+    #[inline]
+    pub(crate) fn add(&mut self, term: &Term<N>, weight: f64) {
+        match term {
+            Term::Scalar { row, error } => {
+                let scaled = row * weight;
+                for j in 0..N {
+                    for i in 0..=j {
+                        self.h[(i, j)] += scaled[i] * row[j];
+                    }
+                }
+                self.g += scaled * *error;
+                self.cost += weight * error * error;
+            }
+            Term::Block { h, g, cost } => {
+                for j in 0..N {
+                    for i in 0..=j {
+                        self.h[(i, j)] += weight * h[(i, j)];
+                    }
+                }
+                self.g += g * weight;
+                self.cost += weight * cost;
+            }
+        }
+        self.weight += weight;
+    }
+
+    /// Fills the lower triangle.
+    pub(crate) fn finish(&mut self) {
+        for j in 0..N {
+            for i in 0..j {
+                self.h[(j, i)] = self.h[(i, j)];
+            }
+        }
+    }
+}
+
+/// What one pair adds.
+pub(crate) enum Term<const N: usize> {
+    Scalar { row: SVector<f64, N>, error: f64 },
+    Block { h: SMatrix<f64, N, N>, g: SVector<f64, N>, cost: f64 },
+}
+
+impl<const N: usize> Term<N> {
+    pub(crate) fn cost(&self) -> f64 {
+        match self {
+            Term::Scalar { error, .. } => error * error,
+            Term::Block { cost, .. } => *cost,
+        }
+    }
+}
+
+/// The term of a pair.
+///
+/// * `lever` – source point from the source's centre, in the axes of the target;
+/// * `e` – `q - x`; `n`, `m` – normal of the target and (turned) of the source, zero if not needed.
+#[inline]
+pub(crate) fn term<const D: usize, const N: usize, G: RigidMotion<D, N>>(
+    residual: Residual,
+    lever: &SVector<f64, D>,
+    e: &SVector<f64, D>,
+    n: &SVector<f64, D>,
+    m: &SVector<f64, D>,
+) -> Term<N> {
+    match residual {
+        Residual::PointToPlane => Term::Scalar { row: G::wrench(lever, n), error: n.dot(e) },
+        Residual::Symmetric => {
+            let mean = if n.dot(m) < 0.0 { n - m } else { n + m };
+            let axis = mean.try_normalize(0.0).unwrap_or(*n);
+            Term::Scalar { row: G::wrench(lever, &axis), error: axis.dot(e) }
+        }
+        Residual::PointToPoint => {
+            let j = G::point_jacobian(lever);
+            Term::Block { h: j.transpose() * j, g: G::wrench(lever, e), cost: e.norm_squared() }
+        }
+        Residual::PlaneToPlane => {
+            let weight = plane_to_plane_weight(n, m);
+            let j = G::point_jacobian(lever);
+            let force = weight * e;
+            Term::Block { h: j.transpose() * (weight * j), g: G::wrench(lever, &force), cost: e.dot(&force) }
+        }
+    }
+}
+
+/// `(C_n + C_m)⁻¹` for flat covariances `C_v = I - (1 - ε) v vᵀ`.
+///
+/// `C_n + C_m = 2 I - a (n nᵀ + m mᵀ)` with `a = 1 - ε` has the eigenvectors `n ± m` with `2 - a (1 ± n·m)` and 2
+/// elsewhere, so no matrix needs inverting.
+#[inline]
+pub(crate) fn plane_to_plane_weight<const D: usize>(
+    n: &SVector<f64, D>,
+    m: &SVector<f64, D>,
+) -> SMatrix<f64, D, D> {
+    let a = 1.0 - FLATNESS;
+    let c = n.dot(m);
+    let (plus, minus) = (n + m, n - m);
+    let mut weight = SMatrix::<f64, D, D>::identity() * 0.5;
+    // |n ± m|² = 2 (1 ± c); where it vanishes, so does the factor's numerator
+    for (axis, cosine) in [(plus, c), (minus, -c)] {
+        let norm_sq = axis.norm_squared();
+        if norm_sq > 1e-18 {
+            let factor = (1.0 / (2.0 - a * (1.0 + cosine)) - 0.5) / norm_sq;
+            weight += axis * axis.transpose() * factor;
+        }
+    }
+    weight
+}

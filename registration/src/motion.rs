@@ -1,0 +1,120 @@
+use draco_lie::LieGroup;
+use nalgebra::{
+    Isometry2, Isometry3, Matrix2, Matrix3, Rotation2, Rotation3, SMatrix, SVector, Translation2,
+    Translation3, UnitComplex, UnitQuaternion, Vector2, Vector3,
+};
+
+/// A rigid motion of `D`-dimensional points with an `N`-dimensional tangent space.
+///
+/// Implemented for `Isometry2<f64>` (`D = 2`, `N = 3`) and `Isometry3<f64>` (`D = 3`, `N = 6`), so that one
+/// registration serves both. Tangent order is translation, then rotation.
+pub trait RigidMotion<const D: usize, const N: usize>: LieGroup<N> {
+    /// The rotation as a matrix.
+    fn rotation_matrix(&self) -> SMatrix<f64, D, D>;
+
+    /// The translation.
+    fn translation_vector(&self) -> SVector<f64, D>;
+
+    /// The motion with this rotation matrix and translation.
+    fn from_matrix(rotation: &SMatrix<f64, D, D>, translation: &SVector<f64, D>) -> Self;
+
+    /// `∂(exp([ρ, φ]) r)/∂[ρ, φ]` at zero: how a point at `r` moves under a small motion.
+    fn point_jacobian(r: &SVector<f64, D>) -> SMatrix<f64, D, N>;
+
+    /// `point_jacobian(r)ᵀ v`: a force `v` at `r` and its torque.
+    fn wrench(r: &SVector<f64, D>, v: &SVector<f64, D>) -> SVector<f64, N>;
+
+    /// Turns a tangent vector's axes: `[R ρ, R φ]` (`φ` stays in the plane).
+    fn turn_tangent(rotation: &SMatrix<f64, D, D>) -> SMatrix<f64, N, N>;
+
+    /// The rotation matrix that maximises `tr(Rᵀ C)` for `C = Σ w target sourceᵀ` (Kabsch), never a reflection.
+    fn best_rotation(cross_covariance: &SMatrix<f64, D, D>) -> SMatrix<f64, D, D>;
+
+    /// The point moved.
+    fn transform(&self, point: &SVector<f64, D>) -> SVector<f64, D> {
+        self.rotation_matrix() * point + self.translation_vector()
+    }
+
+    /// The motion as a homogeneous matrix, row after row.
+    fn to_row_major(&self) -> Vec<f64> {
+        let (r, t) = (self.rotation_matrix(), self.translation_vector());
+        let mut rows = Vec::with_capacity((D + 1) * (D + 1));
+        for i in 0..D {
+            rows.extend((0..D).map(|j| r[(i, j)]));
+            rows.push(t[i]);
+        }
+        rows.extend(std::iter::repeat_n(0.0, D));
+        rows.push(1.0);
+        rows
+    }
+}
+
+impl RigidMotion<2, 3> for Isometry2<f64> {
+    fn rotation_matrix(&self) -> Matrix2<f64> {
+        let (c, s) = (self.rotation.re, self.rotation.im);
+        Matrix2::new(c, -s, s, c)
+    }
+    fn translation_vector(&self) -> Vector2<f64> {
+        self.translation.vector
+    }
+    fn from_matrix(rotation: &Matrix2<f64>, translation: &Vector2<f64>) -> Self {
+        let angle = (rotation[(1, 0)] - rotation[(0, 1)]).atan2(rotation[(0, 0)] + rotation[(1, 1)]);
+        Isometry2::from_parts(Translation2::from(*translation), UnitComplex::new(angle))
+    }
+    #[inline]
+    fn point_jacobian(r: &Vector2<f64>) -> SMatrix<f64, 2, 3> {
+        SMatrix::<f64, 2, 3>::new(1.0, 0.0, -r.y, 0.0, 1.0, r.x)
+    }
+    #[inline]
+    fn wrench(r: &Vector2<f64>, v: &Vector2<f64>) -> Vector3<f64> {
+        Vector3::new(v.x, v.y, r.x * v.y - r.y * v.x)
+    }
+    fn turn_tangent(rotation: &Matrix2<f64>) -> Matrix3<f64> {
+        let mut m = Matrix3::identity();
+        m.fixed_view_mut::<2, 2>(0, 0).copy_from(rotation);
+        m
+    }
+    fn best_rotation(c: &Matrix2<f64>) -> Matrix2<f64> {
+        let angle = (c[(1, 0)] - c[(0, 1)]).atan2(c[(0, 0)] + c[(1, 1)]);
+        Rotation2::new(angle).into_inner()
+    }
+}
+
+impl RigidMotion<3, 6> for Isometry3<f64> {
+    fn rotation_matrix(&self) -> Matrix3<f64> {
+        self.rotation.to_rotation_matrix().into_inner()
+    }
+    fn translation_vector(&self) -> Vector3<f64> {
+        self.translation.vector
+    }
+    fn from_matrix(rotation: &Matrix3<f64>, translation: &Vector3<f64>) -> Self {
+        let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation));
+        Isometry3::from_parts(Translation3::from(*translation), q)
+    }
+    #[inline]
+    fn point_jacobian(r: &Vector3<f64>) -> SMatrix<f64, 3, 6> {
+        let mut j = SMatrix::<f64, 3, 6>::identity();
+        (j[(0, 4)], j[(0, 5)]) = (r.z, -r.y);
+        (j[(1, 3)], j[(1, 5)]) = (-r.z, r.x);
+        (j[(2, 3)], j[(2, 4)]) = (r.y, -r.x);
+        j
+    }
+    #[inline]
+    fn wrench(r: &Vector3<f64>, v: &Vector3<f64>) -> SVector<f64, 6> {
+        let t = r.cross(v);
+        SVector::<f64, 6>::new(v.x, v.y, v.z, t.x, t.y, t.z)
+    }
+    fn turn_tangent(rotation: &Matrix3<f64>) -> SMatrix<f64, 6, 6> {
+        let mut m = SMatrix::<f64, 6, 6>::zeros();
+        m.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation);
+        m.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation);
+        m
+    }
+    fn best_rotation(c: &Matrix3<f64>) -> Matrix3<f64> {
+        let svd = c.svd(true, true);
+        let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return Matrix3::identity() };
+        let sign = if (u * v_t).determinant() < 0.0 { -1.0 } else { 1.0 };
+        // singular values come in descending order: a reflection is repaired along the weakest
+        u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t
+    }
+}
