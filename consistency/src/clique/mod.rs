@@ -1,0 +1,20 @@
+//! Maximum cliques: the largest sets of measurements that all agree with one another, with a proof.
+//!
+//! Start with [`maximum`] or [`maximum_weight`]. Both stop at a [`Budget`] if you set one and then still return a
+//! verified clique and an upper bound. When *not* to use them: if a good clique in microseconds is enough, take
+//! [`greedy`].
+
+mod budget;
+mod fixed_point;
+mod greedy;
+mod maximum;
+mod ordering;
+mod outcome;
+mod rows;
+mod search;
+mod weighted_search;
+
+pub use budget::Budget;
+pub use greedy::greedy;
+pub use maximum::{maximum, maximum_weight};
+pub use outcome::Outcome;

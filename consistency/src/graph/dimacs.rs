@@ -1,0 +1,99 @@
+use std::path::Path;
+
+use super::SparseGraph;
+use crate::Error;
+
+/// Reads a DIMACS clique file (`c` comment, `p col|edge n m`, `e u v`, `n v weight`), vertices from one.
+///
+/// # Errors
+/// [`Error::Io`], and those of [`dimacs`].
+pub fn read_dimacs(path: &Path) -> Result<SparseGraph, Error> {
+    dimacs(&super::matrix_market::read_text(path)?)
+}
+
+/// The graph in the text of a DIMACS clique file.
+///
+/// The edge count of the `p` line is not trusted, since known files count each edge once or twice; an edge named
+/// twice counts once.
+///
+/// # Errors
+/// [`Error::Parse`] with the line: no `p` line or two, an unknown line type, numbers out of range, a self loop.
+pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
+    let mut vertices = None;
+    let mut edges = Vec::new();
+    let mut weights: Vec<(usize, f64)> = Vec::new();
+    for (index, content) in text.lines().enumerate() {
+        let line = index + 1;
+        let fail = |reason: &str| Error::Parse { line, reason: reason.into() };
+        let mut words = content.split_whitespace();
+        match words.next() {
+            None | Some("c") => {}
+            Some("p") if vertices.is_some() => return Err(fail("a second `p` line")),
+            Some("p") => {
+                words.next().ok_or_else(|| fail("`p` line without a format"))?;
+                let n = super::matrix_market::number(words.next(), line, "number of vertices")?;
+                if n > MAX_VERTICES {
+                    return Err(fail(&format!("{n} vertices; at most {MAX_VERTICES} are read")));
+                }
+                vertices = Some(n);
+            }
+            Some(kind @ ("e" | "n")) => {
+                let n = vertices.ok_or_else(|| fail("before the `p` line"))?;
+                let u = super::matrix_market::vertex(words.next(), n, line)?;
+                if kind == "e" {
+                    let v = super::matrix_market::vertex(words.next(), n, line)?;
+                    if u == v {
+                        return Err(fail(&format!("vertex {} has an edge to itself", u + 1)));
+                    }
+                    edges.push((u, v));
+                } else {
+                    let weight = words.next().and_then(|w| w.parse::<f64>().ok());
+                    match weight.filter(|w| w.is_finite() && *w >= 0.0) {
+                        Some(weight) => weights.push((u, weight)),
+                        None => return Err(fail("a vertex weight is a finite number, not negative")),
+                    }
+                }
+            }
+            Some(other) => return Err(fail(&format!("unknown line type `{other}`"))),
+        }
+    }
+    let n = vertices.ok_or(Error::Parse { line: text.lines().count(), reason: "no `p` line".into() })?;
+    let graph = SparseGraph::from_edges(n, edges)?;
+    let mut all = vec![1.0; n];
+    weights.into_iter().for_each(|(v, weight)| all[v] = weight);
+    graph.with_weights(&all)
+}
+
+/// Largest number of vertices a file may declare: a hostile header must not exhaust the memory.
+pub(super) const MAX_VERTICES: usize = 1 << 24;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::Adjacency;
+
+    #[test]
+    fn reads_edges_once_and_weights() {
+        let graph = dimacs("c hi\np edge 3 9\ne 1 2\r\ne 2 1\n\ne 2 3\nn 3 2.5\n").unwrap();
+        assert_eq!((graph.len(), graph.edge_count(), graph.weight(2)), (3, 2, 2.5));
+    }
+
+    #[test]
+    fn errors_name_the_line() {
+        for (text, at) in [
+            ("", 0),
+            ("e 1 2", 1),
+            ("p edge 2 1\ne 1 3", 2),
+            ("p edge 2 1\ne 0 1", 2),
+            ("p edge 2 1\n\ne 1 1", 3),
+            ("p edge 2 1\np edge 2 1", 2),
+            ("p edge x 1", 1),
+            ("p edge 99999999999 0", 1),
+            ("p edge 2 1\nn 1 NaN", 2),
+            ("p edge 2 1\nz", 2),
+            ("p edge 2 1\ne 1", 2),
+        ] {
+            assert!(matches!(dimacs(text), Err(Error::Parse { line, .. }) if line == at), "{text:?}");
+        }
+    }
+}

@@ -1,0 +1,114 @@
+use super::Adjacency;
+use crate::Error;
+
+/// Undirected graph as sorted neighbour lists and a weight a vertex; memory `O(n + m)`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SparseGraph {
+    starts: Vec<usize>,
+    neighbors: Vec<u32>,
+    weights: Vec<f64>,
+}
+
+impl SparseGraph {
+    /// Largest number of vertices: neighbours are stored in 32 bits.
+    pub const MAX_VERTICES: usize = u32::MAX as usize;
+
+    /// A graph of `vertices` vertices of weight one with these edges; naming an edge twice is harmless.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVertex`], [`Error::SelfLoop`], [`Error::TooManyVertices`].
+    pub fn from_edges(
+        vertices: usize,
+        edges: impl IntoIterator<Item = (usize, usize)>,
+    ) -> Result<Self, Error> {
+        if vertices > Self::MAX_VERTICES {
+            return Err(Error::TooManyVertices { vertices, limit: Self::MAX_VERTICES });
+        }
+        let mut arcs = Vec::new();
+        for (a, b) in edges {
+            if let Some(&vertex) = [a, b].iter().find(|&&v| v >= vertices) {
+                return Err(Error::UnknownVertex { vertex, vertices });
+            }
+            if a == b {
+                return Err(Error::SelfLoop { vertex: a });
+            }
+            arcs.push((a as u32, b as u32));
+            arcs.push((b as u32, a as u32));
+        }
+        arcs.sort_unstable();
+        arcs.dedup();
+        let mut starts = vec![0; vertices + 1];
+        for &(a, _) in &arcs {
+            starts[a as usize + 1] += 1;
+        }
+        for v in 0..vertices {
+            starts[v + 1] += starts[v];
+        }
+        let neighbors = arcs.into_iter().map(|(_, b)| b).collect();
+        Ok(Self { starts, neighbors, weights: vec![1.0; vertices] })
+    }
+
+    /// Replaces all vertex weights.
+    ///
+    /// # Errors
+    /// [`Error::LengthMismatch`], [`Error::BadWeight`].
+    pub fn with_weights(mut self, weights: &[f64]) -> Result<Self, Error> {
+        if weights.len() != self.len() {
+            return Err(Error::LengthMismatch { given: weights.len(), expected: self.len() });
+        }
+        if let Some((vertex, &weight)) =
+            weights.iter().enumerate().find(|(_, w)| !(w.is_finite() && **w >= 0.0))
+        {
+            return Err(Error::BadWeight { vertex, weight });
+        }
+        self.weights.copy_from_slice(weights);
+        Ok(self)
+    }
+
+    fn list(&self, vertex: usize) -> &[u32] {
+        if vertex < self.len() { &self.neighbors[self.starts[vertex]..self.starts[vertex + 1]] } else { &[] }
+    }
+}
+
+impl Adjacency for SparseGraph {
+    fn len(&self) -> usize {
+        self.weights.len()
+    }
+
+    fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> + '_ {
+        self.list(vertex).iter().map(|&v| v as usize)
+    }
+
+    fn degree(&self, vertex: usize) -> usize {
+        self.list(vertex).len()
+    }
+
+    fn has_edge(&self, a: usize, b: usize) -> bool {
+        let (a, b) = if self.degree(a) <= self.degree(b) { (a, b) } else { (b, a) };
+        u32::try_from(b).is_ok_and(|b| self.list(a).binary_search(&b).is_ok())
+    }
+
+    fn weight(&self, vertex: usize) -> f64 {
+        self.weights.get(vertex).copied().unwrap_or(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edges_named_twice_count_once() {
+        let graph = SparseGraph::from_edges(4, [(0, 1), (1, 0), (2, 1), (0, 1)]).unwrap();
+        assert_eq!(graph.edge_count(), 2);
+        assert_eq!(graph.neighbors(1).collect::<Vec<_>>(), [0, 2]);
+        assert!(graph.has_edge(2, 1) && !graph.has_edge(0, 2) && !graph.has_edge(9, 0));
+    }
+
+    #[test]
+    fn bad_edges_are_named() {
+        assert_eq!(SparseGraph::from_edges(2, [(1, 1)]), Err(Error::SelfLoop { vertex: 1 }));
+        assert!(matches!(SparseGraph::from_edges(2, [(1, 2)]), Err(Error::UnknownVertex { vertex: 2, .. })));
+        assert!(SparseGraph::default().is_empty());
+    }
+}
