@@ -1,3 +1,5 @@
+//! Cliques of random graphs against an enumeration that shares no code with the crate.
+
 mod common;
 
 use common::{brute_force_weight, random_graph, rng};
