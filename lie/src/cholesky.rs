@@ -2,46 +2,6 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::Error;
 
-/// Asymmetry, relative to the geometric mean of the two diagonal entries, that still counts as rounding.
-const SYMMETRY_TOLERANCE: f64 = 1e-9;
-
-/// Deviation of a rotation's norm from one that still counts as rounding: about 10⁶ steps without renormalising.
-const UNIT_TOLERANCE: f64 = 1e-9;
-
-/// First non-finite entry of a matrix or vector, as an error about `what`.
-pub(crate) fn check_finite<const R: usize, const C: usize>(
-    m: &SMatrix<f64, R, C>,
-    what: &'static str,
-) -> Result<(), Error> {
-    match m.iter().enumerate().find(|(_, value)| !value.is_finite()) {
-        Some((index, &value)) => Err(Error::NotFinite { what, index, value }),
-        None => Ok(()),
-    }
-}
-
-/// `Ok` iff the norm of a rotation is one up to rounding.
-pub(crate) fn check_unit(norm: f64) -> Result<(), Error> {
-    if (norm - 1.0).abs() <= UNIT_TOLERANCE { Ok(()) } else { Err(Error::NotUnit { norm }) }
-}
-
-/// `Ok` iff `m` is finite and symmetric up to rounding.
-pub(crate) fn check_symmetric<const N: usize>(
-    m: &SMatrix<f64, N, N>,
-    what: &'static str,
-) -> Result<(), Error> {
-    check_finite(m, what)?;
-    for row in 0..N {
-        for column in 0..row {
-            let difference = (m[(row, column)] - m[(column, row)]).abs();
-            let scale = (m[(row, row)].abs() * m[(column, column)].abs()).sqrt();
-            if difference > SYMMETRY_TOLERANCE * scale {
-                return Err(Error::NotSymmetric { what, row, column, difference });
-            }
-        }
-    }
-    Ok(())
-}
-
 /// The mean of `m` and its transpose: takes the last-digit asymmetry of a triple product away.
 pub(crate) fn symmetrize<const N: usize>(m: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
     (m + m.transpose()) * 0.5

@@ -2,7 +2,8 @@ use nalgebra::{Isometry2, Isometry3, SMatrix, SVector};
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
-use crate::cholesky::{check_symmetric, factor, symmetrize, whiten};
+use crate::check::check_symmetric;
+use crate::cholesky::{factor, symmetrize, whiten};
 use crate::{Error, LieGroup};
 
 /// A pose with Gaussian noise: `T = mean · exp(ξ)` with `ξ ~ N(0, covariance)`.

@@ -9,6 +9,9 @@ use crate::Error;
 /// Tangent vectors have order **translation, rotation** (`[ρ, θ]` in SE(2), `[ρ, φ]` in SE(3)), metres and
 /// radians; perturbations act on the **right**.
 pub trait LieGroup<const N: usize>: Copy + PartialEq + Debug + Send + Sync + 'static {
+    /// The matrices that represent the elements: rotation matrices of SO, homogeneous ones of SE.
+    type Matrix;
+
     /// The neutral element.
     fn identity() -> Self;
 
@@ -23,6 +26,26 @@ pub trait LieGroup<const N: usize>: Copy + PartialEq + Debug + Send + Sync + 'st
 
     /// The logarithm, with a rotation angle in [-π, π] (SE(2)) or [0, π] (SE(3)).
     fn log(&self) -> SVector<f64, N>;
+
+    /// The matrix of a tangent vector: `hat(ξ)` with `exp(ξ).to_matrix()` its matrix exponential.
+    fn hat(xi: &SVector<f64, N>) -> Self::Matrix;
+
+    /// The tangent vector of such a matrix, the inverse of [`LieGroup::hat`].
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`]; [`Error::NotHat`] when the matrix is not the hat of any tangent (to 1e-6 of its
+    /// largest entry).
+    fn vee(matrix: &Self::Matrix) -> Result<SVector<f64, N>, Error>;
+
+    /// The rotation matrix (SO) or homogeneous matrix (SE) of the element.
+    fn to_matrix(&self) -> Self::Matrix;
+
+    /// The element of a rotation matrix (SO) or homogeneous matrix (SE); its rotation is the nearest one in the
+    /// Frobenius norm, so rounded entries are averaged, also at a half turn.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`]; [`Error::NotRotation`] when it is off by more than 1e-6 in any entry.
+    fn try_from_matrix(matrix: &Self::Matrix) -> Result<Self, Error>;
 
     /// The adjoint `Ad` with `T exp(ξ) T⁻¹ = exp(Ad ξ)`.
     fn adjoint(&self) -> SMatrix<f64, N, N>;

@@ -9,8 +9,10 @@
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
 
+mod check;
 pub mod chi2;
 mod cholesky;
+mod coefficients;
 mod error;
 mod gaussian;
 mod group;
