@@ -56,4 +56,98 @@ pub enum Error {
         /// What the operating system says.
         reason: String,
     },
+    /// A closure names a pose that no trajectory has, or one without covariance.
+    #[error("closure {closure}: robot {robot} has no pose {index} with a covariance")]
+    UnknownPose {
+        /// Index of the closure.
+        closure: usize,
+        /// Robot it names.
+        robot: u32,
+        /// Pose it names.
+        index: usize,
+    },
+    /// A closure's measured pose is not finite.
+    #[error("closure {closure}: the measured pose is not finite")]
+    ClosurePose {
+        /// Index of the closure.
+        closure: usize,
+    },
+    /// A closure joins a pose to itself.
+    #[error("closure {closure} joins a pose to itself")]
+    ClosureToItself {
+        /// Index of the closure.
+        closure: usize,
+    },
+    /// A closure's covariance is not finite, symmetric and positive definite.
+    #[error("closure {closure}: the covariance is not positive definite")]
+    ClosureCovariance {
+        /// Index of the closure.
+        closure: usize,
+    },
+    /// A closure is of another robot pair than the first one.
+    #[error("closure {closure} is of another robot pair than closure 0")]
+    MixedRobots {
+        /// Index of the closure.
+        closure: usize,
+    },
+    /// A prior between two maps is not finite, not positive definite, or joins a map to itself.
+    #[error(
+        "map transform {prior} is not a finite pose between two robots with a positive definite covariance"
+    )]
+    MapTransform {
+        /// Index of the prior.
+        prior: usize,
+    },
+    /// A trajectory does not have one step fewer than poses.
+    #[error("{poses} poses do not go with {steps} odometry steps")]
+    StepCount {
+        /// Number of poses.
+        poses: usize,
+        /// Number of steps.
+        steps: usize,
+    },
+    /// A pose of a trajectory is not finite.
+    #[error("pose {index} of the trajectory is not finite")]
+    TrajectoryPose {
+        /// Index of the pose.
+        index: usize,
+    },
+    /// The covariance of an odometry step is not finite and positive semidefinite.
+    #[error("odometry step {step}: the covariance is not positive semidefinite")]
+    StepCovariance {
+        /// Index of the step.
+        step: usize,
+    },
+    /// A joint covariance has the wrong size or names a pose twice or outside the trajectory.
+    #[error("a joint covariance of size {size} does not fit {poses} distinct poses of the trajectory")]
+    JointCovariance {
+        /// Number of poses named.
+        poses: usize,
+        /// Rows of the covariance.
+        size: usize,
+    },
+    /// A probability is outside (0, 1).
+    #[error("probability {value} is not between 0 and 1")]
+    Probability {
+        /// The value.
+        value: f64,
+    },
+    /// A parameter is outside its range.
+    #[error("parameter `{name}` is outside its range")]
+    Parameter {
+        /// Its name.
+        name: &'static str,
+    },
+    /// A range measurement is not finite and positive, or its sigma is not.
+    #[error("range {range} is not a positive length with a positive sigma")]
+    BadRange {
+        /// Index of the measurement.
+        range: usize,
+    },
+    /// A generator cannot make what was asked for.
+    #[error("cannot generate: {reason}")]
+    Generator {
+        /// Why.
+        reason: &'static str,
+    },
 }

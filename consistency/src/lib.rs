@@ -9,3 +9,24 @@ pub mod clique;
 pub mod graph;
 
 pub use error::Error;
+
+// Pose-aware layer: turns measurements into graphs and votes.
+mod closure;
+pub mod gcm;
+mod pair_test;
+mod pcm;
+mod pose;
+mod selection;
+pub mod simulate;
+mod trajectory;
+
+pub use closure::{Closure, Closure2, Closure3, PoseKey};
+pub use gcm::{Gcm, GcmParams, GroupParams, PooledParams, Verdict, gcm, gcm_group, gcm_pooled};
+pub use pair_test::PairTest;
+pub use pcm::{PcmParams, pcm};
+pub use pose::{Pose, isotropic_covariance};
+pub use selection::{FailedPair, Reason, Rejection, Selection};
+pub use trajectory::{
+    MapTransform, MapTransform2, MapTransform3, Trajectories, Trajectories2, Trajectories3, Trajectory,
+    Trajectory2, Trajectory3,
+};

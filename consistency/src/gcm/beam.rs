@@ -1,0 +1,306 @@
+use std::rc::Rc;
+
+use nalgebra::{SMatrix, SVector};
+
+use super::params::GcmParams;
+use super::votes::{Kind, Votes};
+
+/// State of one vote under a hypothesis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum State {
+    Good,
+    YawSlip,
+    Gross,
+    BadPrior,
+    /// The numbered slip.
+    Slip(u16),
+}
+
+/// One explanation of all votes.
+#[derive(Debug, Clone)]
+pub(crate) struct Hypothesis<const N: usize> {
+    /// log prior plus log likelihood.
+    pub(crate) score: f64,
+    pub(crate) states: Vec<State>,
+    slip_counts: Vec<u32>,
+    rows: Vec<Rc<Row<N>>>,
+    /// `L⁻¹ E_j S_T` of each slip `j`, the blocks from the vote that opened it on.
+    slip_columns: Vec<Vec<SMatrix<f64, N, N>>>,
+}
+
+/// One block row of the Cholesky factor of `K_H`, with its part of `y = L⁻¹ ρ`.
+#[derive(Debug)]
+struct Row<const N: usize> {
+    /// Transposed blocks left of the diagonal.
+    w: Vec<SMatrix<f64, N, N>>,
+    diagonal: SMatrix<f64, N, N>,
+    y: SVector<f64, N>,
+}
+
+/// The surviving hypotheses.
+#[derive(Debug, Clone)]
+pub(crate) struct Beam<const N: usize> {
+    /// In the order of their state vectors.
+    pub(crate) hypotheses: Vec<Hypothesis<N>>,
+    /// Best score ever dropped, relative to the best of its step; minus infinity when nothing was.
+    pub(crate) dropped: f64,
+}
+
+/// A way to extend one hypothesis by the next vote.
+struct Child<const N: usize> {
+    parent: usize,
+    state: State,
+    score: f64,
+    diagonal: SMatrix<f64, N, N>,
+    y: SVector<f64, N>,
+}
+
+/// Searches the states of all votes, best first and a limited number at a time. With an unlimited beam it is exact.
+///
+/// Adding vote `t` costs one forward substitution a hypothesis: the row of `L` but for shared slips is the same for
+/// all its states, and a shared slip adds a column kept with the hypothesis. Hypotheses that agree on a prefix of
+/// states share those rows of `L`, and the substitution starts where they part.
+pub(crate) fn search<const N: usize>(votes: &Votes<N>, params: &GcmParams) -> Beam<N> {
+    let root = Hypothesis {
+        score: 0.0,
+        states: Vec::new(),
+        slip_counts: Vec::new(),
+        rows: Vec::new(),
+        slip_columns: Vec::new(),
+    };
+    let mut beam = Beam { hypotheses: vec![root], dropped: f64::NEG_INFINITY };
+    for t in 0..votes.list.len() {
+        beam.extend(votes, params, t);
+    }
+    beam
+}
+
+impl<const N: usize> Beam<N> {
+    fn extend(&mut self, votes: &Votes<N>, params: &GcmParams, t: usize) {
+        let mut children: Vec<Child<N>> = Vec::new();
+        let mut bases: Vec<Rc<Vec<SMatrix<f64, N, N>>>> = Vec::with_capacity(self.hypotheses.len());
+        let mut w: Vec<SMatrix<f64, N, N>> = Vec::new();
+        for (parent, hypothesis) in self.hypotheses.iter().enumerate() {
+            let shared = parent.checked_sub(1).map_or(0, |p| common_rows(&self.hypotheses[p], hypothesis));
+            w.truncate(shared);
+            hypothesis.forward(votes, t, &mut w);
+            hypothesis.children(votes, params, t, parent, &w, &mut children);
+            bases.push(Rc::new(w.clone()));
+        }
+        let kept = self.prune(&mut children, params);
+        self.hypotheses = children
+            .into_iter()
+            .zip(kept)
+            .filter(|(_, keep)| *keep)
+            .map(|(child, _)| self.hypotheses[child.parent].grown(votes, t, &bases[child.parent], child))
+            .collect();
+    }
+
+    /// Which children survive: the best `beam`, none deeper than `depth`; ties to the smaller state vector.
+    fn prune(&mut self, children: &mut [Child<N>], params: &GcmParams) -> Vec<bool> {
+        let mut order: Vec<usize> = (0..children.len()).collect();
+        order.sort_by(|&a, &b| children[b].score.total_cmp(&children[a].score).then(a.cmp(&b)));
+        let best = order.first().map_or(0.0, |&c| children[c].score);
+        let mut kept = vec![false; children.len()];
+        for (rank, &c) in order.iter().enumerate() {
+            if rank < params.beam && children[c].score >= best - params.depth {
+                kept[c] = true;
+            } else {
+                self.dropped = self.dropped.max(children[c].score - best);
+                break;
+            }
+        }
+        kept
+    }
+}
+
+fn common_rows<const N: usize>(a: &Hypothesis<N>, b: &Hypothesis<N>) -> usize {
+    a.rows.iter().zip(&b.rows).take_while(|(a, b)| Rc::ptr_eq(a, b)).count()
+}
+
+impl<const N: usize> Hypothesis<N> {
+    /// Completes `w = L⁻¹ K_·t` (states' own parts left out) from block `w.len()` on.
+    fn forward(&self, votes: &Votes<N>, t: usize, w: &mut Vec<SMatrix<f64, N, N>>) {
+        for s in w.len()..t {
+            let row = &self.rows[s];
+            let mut rest = votes.block(t, s).transpose();
+            for (left, above) in row.w.iter().zip(w.iter()) {
+                rest.gemm_tr(-1.0, left, above, 1.0);
+            }
+            row.diagonal.solve_lower_triangular_mut(&mut rest);
+            w.push(rest);
+        }
+    }
+
+    fn children(
+        &self,
+        votes: &Votes<N>,
+        params: &GcmParams,
+        t: usize,
+        parent: usize,
+        w: &[SMatrix<f64, N, N>],
+        children: &mut Vec<Child<N>>,
+    ) {
+        let vote = &votes.list[t];
+        let mut covariance = *votes.block(t, t);
+        let mut residual = vote.rho;
+        for (block, row) in w.iter().zip(&self.rows) {
+            covariance.gemm_tr(-1.0, block, block, 1.0);
+            residual.gemv_tr(-1.0, block, &row.y, 1.0);
+        }
+        let mut push = |state, log_prior: f64, covariance, residual: &SVector<f64, N>| {
+            if let Some((density, diagonal, y)) = log_normal(&covariance, residual) {
+                children.push(Child { parent, state, score: self.score + log_prior + density, diagonal, y });
+            }
+        };
+        match &vote.kind {
+            Kind::Prior { bad } => {
+                push(State::Good, params.prior_sound.ln(), covariance, &residual);
+                push(State::BadPrior, (1.0 - params.prior_sound).ln(), covariance + bad, &residual);
+            }
+            Kind::Cluster { single, spike, yaw, gross, neighbor, .. } => {
+                let prior = StatePrior::new(
+                    params,
+                    *single,
+                    &self.slip_counts,
+                    neighbor.map(|(v, k)| (self.states[v], k)),
+                );
+                push(State::Good, prior.log(State::Good), covariance + spike, &residual);
+                push(State::YawSlip, prior.log(State::YawSlip), covariance + yaw, &residual);
+                push(State::Gross, prior.log(State::Gross), covariance + gross, &residual);
+                for (j, column) in self.slip_columns.iter().enumerate() {
+                    let start = t - column.len();
+                    let mut shared = covariance + votes.slip;
+                    let mut shifted = residual;
+                    for ((u, w), row) in column.iter().zip(&w[start..]).zip(&self.rows[start..]) {
+                        let cross = w.tr_mul(u);
+                        shared -= cross + cross.transpose() + u.tr_mul(u);
+                        shifted.gemv_tr(-1.0, u, &row.y, 1.0);
+                    }
+                    let state = State::Slip(j as u16);
+                    push(state, prior.log(state), shared, &shifted);
+                }
+                let fresh = State::Slip(self.slip_counts.len() as u16);
+                push(fresh, prior.log(fresh), covariance + votes.slip, &residual);
+            }
+        }
+    }
+
+    /// The hypothesis with one more vote.
+    fn grown(&self, votes: &Votes<N>, t: usize, base: &[SMatrix<f64, N, N>], child: Child<N>) -> Self {
+        let mut w = base.to_vec();
+        let joined = match child.state {
+            State::Slip(j) => Some(usize::from(j)),
+            _ => None,
+        };
+        if let Some(column) = joined.and_then(|j| self.slip_columns.get(j)) {
+            let start = t - column.len();
+            w[start..].iter_mut().zip(column).for_each(|(w, u)| *w += u);
+        }
+        let mut next = Self {
+            score: child.score,
+            states: self.states.clone(),
+            slip_counts: self.slip_counts.clone(),
+            rows: self.rows.clone(),
+            slip_columns: self.slip_columns.clone(),
+        };
+        if let Some(j) = joined {
+            if j == next.slip_counts.len() {
+                next.slip_counts.push(0);
+                next.slip_columns.push(Vec::new());
+            }
+            next.slip_counts[j] += 1;
+        }
+        for (j, column) in next.slip_columns.iter_mut().enumerate() {
+            let mut block = if joined == Some(j) { votes.slip } else { SMatrix::zeros() };
+            for (u, w) in column.iter().zip(&w[t - column.len()..]) {
+                block.gemm_tr(-1.0, w, u, 1.0);
+            }
+            child.diagonal.solve_lower_triangular_mut(&mut block);
+            column.push(block);
+        }
+        next.states.push(child.state);
+        next.rows.push(Rc::new(Row { w, diagonal: child.diagonal, y: child.y }));
+        next
+    }
+
+    /// `K_H⁻¹ ρ`, one block a vote.
+    pub(crate) fn solution(&self) -> Vec<SVector<f64, N>> {
+        let mut x: Vec<SVector<f64, N>> = self.rows.iter().map(|row| row.y).collect();
+        for t in (0..x.len()).rev() {
+            let row = &self.rows[t];
+            row.diagonal.tr_solve_lower_triangular_mut(&mut x[t]);
+            let solved = x[t];
+            for (above, w) in x.iter_mut().zip(&row.w) {
+                above.gemv(-1.0, w, &solved, 1.0);
+            }
+        }
+        x
+    }
+}
+
+/// log N(r; 0, S) with the factor of `S` and the whitened residual; `None` when `S` has no factor.
+fn log_normal<const N: usize>(
+    covariance: &SMatrix<f64, N, N>,
+    residual: &SVector<f64, N>,
+) -> Option<(f64, SMatrix<f64, N, N>, SVector<f64, N>)> {
+    let l = nalgebra::linalg::Cholesky::new(*covariance)?.l();
+    let y = l.solve_lower_triangular(residual)?;
+    let half_log_determinant: f64 = (0..N).map(|row| l[(row, row)].ln()).sum();
+    let constant = 0.5 * N as f64 * std::f64::consts::TAU.ln();
+    Some((-constant - half_log_determinant - 0.5 * y.norm_squared(), l, y))
+}
+
+/// Prior of a cluster's state given the hypothesis so far.
+pub(crate) struct StatePrior<'a> {
+    sound: f64,
+    gross: f64,
+    params: &'a GcmParams,
+    slip_counts: &'a [u32],
+    neighbor: Option<(State, f64)>,
+}
+
+impl<'a> StatePrior<'a> {
+    pub(crate) fn new(
+        params: &'a GcmParams,
+        single: bool,
+        slip_counts: &'a [u32],
+        neighbor: Option<(State, f64)>,
+    ) -> Self {
+        let (sound, gross) = if single {
+            (params.sound_single, params.gross_share_single)
+        } else {
+            (params.sound, params.gross_share)
+        };
+        Self { sound, gross, params, slip_counts, neighbor }
+    }
+
+    fn independent(&self, state: State) -> f64 {
+        let local = (1.0 - self.sound) * (1.0 - self.gross);
+        let slips: u32 = self.slip_counts.iter().sum();
+        match state {
+            State::Good => self.sound,
+            State::Gross => (1.0 - self.sound) * self.gross,
+            State::YawSlip => local * (1.0 - self.params.slip_share),
+            State::BadPrior => 0.0,
+            State::Slip(j) => {
+                let step = match self.slip_counts.get(usize::from(j)) {
+                    Some(&count) => self.params.alpha * f64::from(count) / f64::from(slips),
+                    None if slips == 0 => 1.0,
+                    None => 1.0 - self.params.alpha,
+                };
+                local * self.params.slip_share * step
+            }
+        }
+    }
+
+    pub(crate) fn log(&self, state: State) -> f64 {
+        let independent = self.independent(state);
+        match self.neighbor {
+            Some((same, kappa)) => {
+                (kappa * f64::from(u8::from(same == state)) + (1.0 - kappa) * independent).ln()
+            }
+            None => independent.ln(),
+        }
+    }
+}

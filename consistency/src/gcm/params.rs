@@ -1,0 +1,162 @@
+use crate::Error;
+
+/// σ of a zero-mean normal over a tangent: metres on each translation axis, radians on each rotation axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sigma {
+    /// Metres.
+    pub translation: f64,
+    /// Radians.
+    pub rotation: f64,
+}
+
+impl Sigma {
+    const fn new(translation: f64, rotation: f64) -> Self {
+        Self { translation, rotation }
+    }
+
+    fn is_positive(&self) -> bool {
+        self.translation > 0.0 && self.rotation > 0.0 && (self.translation + self.rotation).is_finite()
+    }
+}
+
+/// In what the gaps between poses are counted when closures are put into groups.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GapUnit {
+    /// Pose indices; the defaults think of keyframes 3 m apart.
+    Poses,
+    /// Metres of path.
+    Metres,
+}
+
+/// Parameters of [`gcm`](crate::gcm()). The defaults are for keyframes about 3 m apart and sonar-like registration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GcmParams {
+    /// The robot in whose map all are compared; default the smallest id of each connected team.
+    pub reference: Option<u32>,
+    /// Least posterior probability of an accepted group; default 0.85.
+    pub accept: f64,
+    /// Largest posterior probability of a rejected group; default 0.25. Between the two a group is undecided.
+    pub reject: f64,
+    /// An accepted group is withdrawn only below this once it was accepted before; default 0.60.
+    pub withdraw: f64,
+    /// π, prior share of sound groups of at least two closures; default 0.70.
+    pub sound: f64,
+    /// The same of lone closures; default 0.60.
+    pub sound_single: f64,
+    /// pT, share of translation slips among the biased groups that are not gross; default 0.90.
+    pub slip_share: f64,
+    /// pO, share of gross errors among biased groups; default 0.03.
+    pub gross_share: f64,
+    /// The same of lone closures; default 0.50.
+    pub gross_share_single: f64,
+    /// α, probability that a further slip repeats an earlier one; default 0.25. Raise it (0.6) in lattices known to
+    /// alias.
+    pub alpha: f64,
+    /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
+    pub spike: Sigma,
+    /// `S_T`: translation slip, in the common map frame; default 3 m, 0.02 rad.
+    pub slip: Sigma,
+    /// `S_Y`: yaw slip about the group's place; default 0.3 m, 0.07 rad.
+    pub yaw: Sigma,
+    /// `S_O`: gross error; default 6 m, 0.5 rad.
+    pub gross: Sigma,
+    /// `π_P`, share of map priors that are as good as they say; default 0.85.
+    pub prior_sound: f64,
+    /// What a bad map prior adds to its covariance; default 4 m, 0.15 rad.
+    pub prior_bad: Sigma,
+    /// Width of the map transforms before any evidence, about the linearisation; default 15 m, 0.8 rad.
+    pub base: Sigma,
+    /// What gaps are counted in; default poses.
+    pub unit: GapUnit,
+    /// Closures at most this far apart (both robots) are one group; default 6.
+    pub gap: f64,
+    /// A group stays shorter than this on each robot; default 18.
+    pub extent: f64,
+    /// ℓ, length over which neighbouring groups share their fate; default 7.
+    pub correlation: f64,
+    /// Share of true pairs that pass the pair test inside a group; default 0.99.
+    pub probability: f64,
+    /// Largest number of hypotheses kept; default 64.
+    pub beam: usize,
+    /// Hypotheses this many nats below the best are dropped; default 14.
+    pub depth: f64,
+    /// Up to this many clusters all neighbours are solved jointly, above it each block by itself; default 40.
+    pub joint_limit: usize,
+}
+
+impl Default for GcmParams {
+    fn default() -> Self {
+        Self {
+            reference: None,
+            accept: 0.85,
+            reject: 0.25,
+            withdraw: 0.60,
+            sound: 0.70,
+            sound_single: 0.60,
+            slip_share: 0.90,
+            gross_share: 0.03,
+            gross_share_single: 0.50,
+            alpha: 0.25,
+            spike: Sigma::new(0.1, 0.005),
+            slip: Sigma::new(3.0, 0.02),
+            yaw: Sigma::new(0.3, 0.07),
+            gross: Sigma::new(6.0, 0.5),
+            prior_sound: 0.85,
+            prior_bad: Sigma::new(4.0, 0.15),
+            base: Sigma::new(15.0, 0.8),
+            unit: GapUnit::Poses,
+            gap: 6.0,
+            extent: 18.0,
+            correlation: 7.0,
+            probability: 0.99,
+            beam: 64,
+            depth: 14.0,
+            joint_limit: 40,
+        }
+    }
+}
+
+impl GcmParams {
+    /// Accepts from 0.95 on: for systems where one wrong merge is worse than many late ones.
+    pub fn strict() -> Self {
+        Self { accept: 0.95, ..Self::default() }
+    }
+
+    /// Accepts the more probable side and leaves nothing undecided: for systems that must merge. Its error is the
+    /// limit of what the data tell, so with nothing to go on it is wrong at the base rate.
+    pub fn leading() -> Self {
+        Self { accept: 0.5, reject: 0.5, withdraw: 0.5, ..Self::default() }
+    }
+
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        let open = |p: f64| p > 0.0 && p < 1.0;
+        let probabilities = [
+            ("accept", open(self.accept)),
+            ("reject", open(self.reject) && self.reject <= self.accept),
+            ("withdraw", self.withdraw > 0.0 && self.withdraw <= self.accept),
+            ("sound", open(self.sound)),
+            ("sound_single", open(self.sound_single)),
+            ("slip_share", open(self.slip_share)),
+            ("gross_share", open(self.gross_share)),
+            ("gross_share_single", open(self.gross_share_single)),
+            ("alpha", open(self.alpha)),
+            ("prior_sound", open(self.prior_sound)),
+            ("probability", open(self.probability)),
+            ("spike", self.spike.is_positive()),
+            ("slip", self.slip.is_positive()),
+            ("yaw", self.yaw.is_positive()),
+            ("gross", self.gross.is_positive()),
+            ("prior_bad", self.prior_bad.is_positive()),
+            ("base", self.base.is_positive()),
+            ("gap", self.gap >= 0.0),
+            ("extent", self.extent > 0.0),
+            ("correlation", self.correlation > 0.0),
+            ("beam", self.beam > 0),
+            ("depth", self.depth > 0.0),
+        ];
+        match probabilities.iter().find(|(_, sound)| !sound) {
+            Some((name, _)) => Err(Error::Parameter { name }),
+            None => Ok(()),
+        }
+    }
+}

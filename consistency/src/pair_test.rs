@@ -1,0 +1,178 @@
+use draco_lie::chi2;
+use nalgebra::{SMatrix, SVector};
+
+use crate::pose::transported;
+use crate::{Closure, Error, Pose, Trajectories, Trajectory};
+
+/// The test whether two closures between the same two robots tell of the same map transform.
+///
+/// A closure `Z` from pose `i` of robot `q` to pose `k` of robot `r` implies `T = X_rk Z⁻¹ X_qi⁻¹`, robot `q`'s
+/// map seen from robot `r`'s. For two closures `m` and `n`
+///
+/// ```text
+/// e = log(T_m T_n⁻¹)
+/// Σ = A_m S_m A_mᵀ + A_n S_n A_nᵀ + V_r(k, l) + Ad(T) V_q(i, j) Ad(T)ᵀ        A = Ad(X_rk)
+/// χ² = eᵀ Σ⁻¹ e
+/// ```
+///
+/// with the covariances `S` of **both** measurements and `V` of the odometry between the poses of **both** robots.
+/// The adjoint frames cancel in χ², so it is the χ² of the loop closed by the two measurements. When both ends
+/// are one robot the two odometry parts are correlated and the cross terms are added.
+///
+/// Everything that belongs to one closure is computed once, so a pair costs one logarithm, one congruence and one
+/// triangular factor.
+pub struct PairTest<'a, G, const N: usize> {
+    ends: Vec<End<G, N>>,
+    first: Option<&'a Trajectory<G, N>>,
+    second: Option<&'a Trajectory<G, N>>,
+    same_robot: bool,
+    limit: f64,
+}
+
+/// What one closure brings to every pair it is in.
+struct End<G, const N: usize> {
+    k: usize,
+    i: usize,
+    first_from_second: G,
+    second_from_first: G,
+    adjoint: SMatrix<f64, N, N>,
+    measurement: SMatrix<f64, N, N>,
+}
+
+impl<'a, G: Pose<N>, const N: usize> PairTest<'a, G, N> {
+    /// Prepares the closures of one robot pair; those of the other direction are turned.
+    ///
+    /// * `probability` – share of true pairs that shall pass, e.g. 0.99.
+    ///
+    /// # Errors
+    /// A closure of another robot pair, with an unknown pose, or with a bad pose or covariance; a `probability`
+    /// outside (0, 1).
+    pub fn new(
+        trajectories: &'a Trajectories<G, N>,
+        closures: &[Closure<G, N>],
+        probability: f64,
+    ) -> Result<Self, Error> {
+        let limit = gate::<N>(probability)?;
+        let robots = closures.first().map(Closure::robots);
+        let mut ends = Vec::with_capacity(closures.len());
+        for (index, closure) in closures.iter().enumerate() {
+            closure.check(index)?;
+            if Some(closure.robots()) != robots {
+                return Err(Error::MixedRobots { closure: index });
+            }
+            ends.push(End::new(trajectories, index, closure)?);
+        }
+        Ok(Self {
+            ends,
+            first: robots.and_then(|(first, _)| trajectories.get(first)),
+            second: robots.and_then(|(_, second)| trajectories.get(second)),
+            same_robot: robots.is_some_and(|(first, second)| first == second),
+            limit,
+        })
+    }
+
+    /// Number of closures.
+    pub fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Whether there is no closure.
+    pub fn is_empty(&self) -> bool {
+        self.ends.is_empty()
+    }
+
+    /// Largest χ² that passes.
+    pub fn limit(&self) -> f64 {
+        self.limit
+    }
+
+    /// Whether the pair passes.
+    pub fn agree(&self, m: usize, n: usize) -> bool {
+        self.chi2(m, n) <= self.limit
+    }
+
+    /// χ² of closures `m` and `n`, symmetric to the bit; `f64::INFINITY` when its covariance is singular.
+    ///
+    /// # Panics
+    /// When `m` or `n` is not below [`PairTest::len`].
+    pub fn chi2(&self, m: usize, n: usize) -> f64 {
+        let (m, n) = (m.min(n), m.max(n));
+        let (a, b) = (&self.ends[m], &self.ends[n]);
+        let (Some(first), Some(second)) = (self.first, self.second) else {
+            return f64::INFINITY;
+        };
+        let (Some(of_first), Some(of_second)) =
+            (first.drift_between(a.k, b.k), second.drift_between(a.i, b.i))
+        else {
+            return f64::INFINITY;
+        };
+        let e = a.first_from_second.compose(&b.second_from_first).log();
+        let mut covariance = a.measurement + b.measurement + of_first;
+        G::add_congruence(&mut covariance, &a.adjoint, &of_second);
+        if self.same_robot {
+            let cross = self.drift_cross(first, a, b) * a.adjoint.transpose();
+            covariance -= cross + cross.transpose();
+        }
+        mahalanobis_sq(&covariance, &e)
+    }
+
+    /// `Cov(z_k - z_l, z_i - z_j)` when both ends are one robot.
+    fn drift_cross(&self, robot: &Trajectory<G, N>, a: &End<G, N>, b: &End<G, N>) -> SMatrix<f64, N, N> {
+        let c = |k, l| robot.drift_covariance(k, l).unwrap_or_else(SMatrix::zeros);
+        c(a.k, a.i) - c(a.k, b.i) - c(b.k, a.i) + c(b.k, b.i)
+    }
+}
+
+impl<G: Pose<N>, const N: usize> End<G, N> {
+    fn new(trajectories: &Trajectories<G, N>, index: usize, closure: &Closure<G, N>) -> Result<Self, Error> {
+        let closure = closure.with_source_robot(closure.robots().0);
+        let x_k = trajectories.of(index, closure.source)?.poses()[closure.source.index];
+        let x_i = trajectories.of(index, closure.target)?.poses()[closure.target.index];
+        let second_from_first = x_i.compose(&closure.target_from_source).compose(&x_k.inverse());
+        let first_from_second = second_from_first.inverse();
+        Ok(Self {
+            k: closure.source.index,
+            i: closure.target.index,
+            first_from_second,
+            second_from_first,
+            adjoint: first_from_second.adjoint(),
+            measurement: transported(&x_k.adjoint(), &closure.covariance),
+        })
+    }
+}
+
+/// The χ² limit with `N` degrees of freedom.
+pub(crate) fn gate<const N: usize>(probability: f64) -> Result<f64, Error> {
+    chi2::quantile(probability, N).map_err(|_| Error::Probability { value: probability })
+}
+
+/// `eᵀ Σ⁻¹ e` by a Cholesky factor on the stack; infinite when `Σ` is not positive definite.
+#[inline]
+pub(crate) fn mahalanobis_sq<const N: usize>(covariance: &SMatrix<f64, N, N>, e: &SVector<f64, N>) -> f64 {
+    let mut l = *covariance;
+    let mut y = *e;
+    let mut chi2 = 0.0;
+    for j in 0..N {
+        let mut diagonal = l[(j, j)];
+        for p in 0..j {
+            diagonal -= l[(j, p)] * l[(j, p)];
+        }
+        if diagonal.is_nan() || diagonal <= 0.0 {
+            return f64::INFINITY;
+        }
+        let inverse = 1.0 / diagonal.sqrt();
+        for i in j + 1..N {
+            let mut v = l[(i, j)];
+            for p in 0..j {
+                v -= l[(i, p)] * l[(j, p)];
+            }
+            l[(i, j)] = v * inverse;
+        }
+        y[j] *= inverse;
+        chi2 += y[j] * y[j];
+        for i in j + 1..N {
+            y[i] -= l[(i, j)] * y[j];
+        }
+    }
+    chi2
+}
