@@ -16,6 +16,14 @@ pub enum Error {
         /// The vertex.
         vertex: usize,
     },
+    /// A hyperedge has a wrong number of vertices, or a hypergraph was asked for edges of less than two.
+    #[error("{given} vertices given for a hyperedge; the hypergraph joins {order}, at least 2")]
+    EdgeOrder {
+        /// Number of vertices that an edge of the hypergraph joins.
+        order: usize,
+        /// Number given.
+        given: usize,
+    },
     /// A vertex weight is negative, infinite or not a number.
     #[error("vertex {vertex} has weight {weight}; weights are finite and not negative")]
     BadWeight {

@@ -7,6 +7,7 @@ mod error;
 // Graph algorithms: nothing here knows of poses.
 pub mod clique;
 pub mod graph;
+pub mod hyperclique;
 
 pub use error::Error;
 

@@ -15,6 +15,7 @@ mod search;
 mod weighted_search;
 
 pub use budget::Budget;
+pub(crate) use budget::Meter;
 pub use greedy::greedy;
 pub use maximum::{maximum, maximum_weight};
 pub use outcome::Outcome;

@@ -9,6 +9,7 @@ pub(crate) mod bits;
 mod degeneracy;
 mod dense;
 mod dimacs;
+pub(crate) mod hypergraph;
 mod matrix_market;
 mod sparse;
 
@@ -16,5 +17,6 @@ pub use adjacency::Adjacency;
 pub use degeneracy::{Degeneracy, degeneracy};
 pub use dense::Graph;
 pub use dimacs::{dimacs, read_dimacs};
+pub use hypergraph::Hypergraph;
 pub use matrix_market::{matrix_market, read_matrix_market};
 pub use sparse::SparseGraph;
