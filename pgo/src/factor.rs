@@ -1,0 +1,75 @@
+use std::fmt::Debug;
+use std::sync::Arc;
+
+use nalgebra::SMatrix;
+
+use crate::{Kernel, Key};
+
+/// The name of a factor within its graph: stable until the factor is removed, never used again after.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FactorId(pub usize);
+
+/// A user-defined factor over any number of poses.
+///
+/// Its cost is `½ ρ(|r|²)`: the residual is whitened already. `N` is the tangent dimension of `G`.
+pub trait CustomFactor<G, const N: usize>: Debug + Send + Sync {
+    /// The poses the residual depends on, in the order in which the other methods take them.
+    fn keys(&self) -> &[Key];
+
+    /// Length of the residual.
+    fn dimension(&self) -> usize;
+
+    /// Writes the whitened residual at `poses` into `residual`.
+    fn residual(&self, poses: &[G], residual: &mut [f64]);
+
+    /// Writes the derivative of the residual by the right perturbation of pose `which` (tangent order
+    /// translation, then rotation), row-major, `dimension × N`.
+    fn jacobian(&self, poses: &[G], which: usize, jacobian: &mut [f64]);
+}
+
+/// What a factor measures.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub enum Measurement<G, const N: usize> {
+    /// The pose itself, with residual `log(z⁻¹ x)`.
+    Prior {
+        /// The measured pose.
+        key: Key,
+        /// The measured value `z`.
+        measured: G,
+    },
+    /// A relative pose, with residual `log(z⁻¹ · from⁻¹ · to)`.
+    Between {
+        /// The pose measured from.
+        from: Key,
+        /// The pose measured.
+        to: Key,
+        /// `z = from_from_to`, the pose of `to` seen from `from`.
+        measured: G,
+    },
+    /// Anything else.
+    Custom(Arc<dyn CustomFactor<G, N>>),
+}
+
+/// One term of the cost of a graph.
+#[derive(Debug, Clone)]
+pub struct Factor<G, const N: usize> {
+    /// What is measured.
+    pub measurement: Measurement<G, N>,
+    /// Information matrix of the residual, order translation then rotation; not used by custom factors, whose
+    /// residual is whitened.
+    pub information: SMatrix<f64, N, N>,
+    /// Robust kernel.
+    pub kernel: Kernel,
+}
+
+impl<G, const N: usize> Factor<G, N> {
+    /// The poses the factor joins.
+    pub fn keys(&self) -> Vec<Key> {
+        match &self.measurement {
+            Measurement::Prior { key, .. } => vec![*key],
+            Measurement::Between { from, to, .. } => vec![*from, *to],
+            Measurement::Custom(custom) => custom.keys().to_vec(),
+        }
+    }
+}

@@ -1,0 +1,3 @@
+//! Files: g2o pose graphs.
+
+pub mod g2o;
