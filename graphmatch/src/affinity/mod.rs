@@ -1,0 +1,159 @@
+//! How well pairs of pairs agree: `S[(i,a),(j,b)]`, large where edge `i–j` of map 1 is as long as edge `a–b` of map 2.
+
+mod banded;
+mod params;
+mod sparse;
+
+use nalgebra::{DMatrix, Point2};
+
+pub use params::{AffinityParams, Attributes, Kernel};
+
+use crate::object::{centroids, check_map};
+use crate::{Error, Object};
+use banded::Banded;
+use sparse::Sparse;
+
+/// The symmetric matrix of agreements between pairs, index `i * columns + a`, with zero diagonal and zeros where two
+/// pairs share an object.
+///
+/// ```text
+/// S[(i,a),(j,b)] = kernel(d¹_ij − d²_ab) · w(i,a) · w(j,b),   i ≠ j, a ≠ b
+/// ```
+///
+/// Never stored as a whole: edges are sorted by length, so the partners of an edge of map 1 are one run of edges of
+/// map 2 and only the kernel's values along these runs are kept. Where the attributes rule most pairs out, the
+/// rows of the remaining pairs are stored instead. Memory O(edge pairs within the kernel's reach).
+#[derive(Debug, Clone)]
+pub struct Affinity {
+    rows: usize,
+    columns: usize,
+    weights: Vec<f64>,
+    form: Form,
+    lengths1: DMatrix<f64>,
+    lengths2: DMatrix<f64>,
+    kernel: Kernel,
+    min_edge: f64,
+    no_exact_ones: bool,
+}
+
+#[derive(Debug, Clone)]
+enum Form {
+    Banded(Banded),
+    Sparse(Sparse),
+}
+
+impl Affinity {
+    /// The affinity of two maps.
+    ///
+    /// # Errors
+    /// An object that is not finite; a parameter out of range.
+    pub fn new(map1: &[Object], map2: &[Object], params: &AffinityParams) -> Result<Self, Error> {
+        params.check()?;
+        check_map(map1, "map1")?;
+        check_map(map2, "map2")?;
+        let (lengths1, lengths2) = (lengths(&centroids(map1)), lengths(&centroids(map2)));
+        let weights: Vec<f64> =
+            map1.iter().flat_map(|a| map2.iter().map(move |b| params.attributes.weight(a, b))).collect();
+        let admissible = weights.iter().filter(|w| **w > 0.0).count();
+        let form = if 4 * admissible < weights.len() {
+            Form::Sparse(Sparse::new(&lengths1, &lengths2, &weights, params))
+        } else {
+            Form::Banded(Banded::new(&lengths1, &lengths2, params))
+        };
+        Ok(Self {
+            rows: map1.len(),
+            columns: map2.len(),
+            weights,
+            form,
+            lengths1,
+            lengths2,
+            kernel: params.kernel,
+            min_edge: params.min_edge,
+            no_exact_ones: false,
+        })
+    }
+
+    /// Objects of map 1.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Objects of map 2.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Weight of every pair by its attributes, `rows × columns`, row-major; 0 where ruled out.
+    pub fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// One entry, of pairs `p = (i, a)` and `q = (j, b)`.
+    pub fn entry(&self, p: (usize, usize), q: (usize, usize)) -> f64 {
+        if p.0 == q.0 || p.1 == q.1 {
+            return 0.0;
+        }
+        let (d1, d2) = (self.lengths1[(p.0, q.0)], self.lengths2[(p.1, q.1)]);
+        if d1 < self.min_edge || d2 < self.min_edge {
+            return 0.0;
+        }
+        let value = self.kernel.value(d1 - d2);
+        if self.no_exact_ones && d1 == d2 {
+            return 0.0;
+        }
+        value * self.weights[p.0 * self.columns + p.1] * self.weights[q.0 * self.columns + q.1]
+    }
+
+    /// Sets to zero every entry whose edges are exactly equally long, as the published code does by mistake.
+    pub(crate) fn drop_exact_ones(&mut self) {
+        self.no_exact_ones = true;
+        match &mut self.form {
+            Form::Banded(banded) => banded.drop_exact_ones(),
+            Form::Sparse(sparse) => sparse.drop_exact_ones(&self.lengths1, &self.lengths2, self.columns),
+        }
+    }
+
+    /// `y = S x`; both `rows × columns`, row-major.
+    ///
+    /// # Errors
+    /// A vector of another length.
+    pub fn multiply(&self, x: &[f64], y: &mut [f64]) -> Result<(), Error> {
+        for found in [x.len(), y.len()] {
+            if found != self.weights.len() {
+                return Err(Error::WrongLength {
+                    what: "a pair vector",
+                    expected: self.weights.len(),
+                    found,
+                });
+            }
+        }
+        self.apply(x, y);
+        Ok(())
+    }
+
+    /// [`Affinity::multiply`] for vectors known to fit.
+    pub(crate) fn apply(&self, x: &[f64], y: &mut [f64]) {
+        match &self.form {
+            Form::Banded(banded) => {
+                let weighted: Vec<f64> = x.iter().zip(&self.weights).map(|(x, w)| x * w).collect();
+                banded.multiply(self.columns, &weighted, y);
+                for (y, w) in y.iter_mut().zip(&self.weights) {
+                    *y *= w;
+                }
+            }
+            Form::Sparse(sparse) => sparse.multiply(x, y),
+        }
+    }
+
+    /// Entries that are stored: pairs of pairs within the kernel's reach, each once.
+    pub fn stored(&self) -> usize {
+        match &self.form {
+            Form::Banded(banded) => 2 * banded.stored(),
+            Form::Sparse(sparse) => sparse.stored(),
+        }
+    }
+}
+
+fn lengths(points: &[Point2<f64>]) -> DMatrix<f64> {
+    DMatrix::from_fn(points.len(), points.len(), |i, j| (points[i] - points[j]).norm())
+}

@@ -1,0 +1,90 @@
+use draco_lie::GaussianPose2;
+use nalgebra::{Isometry2, Point2};
+
+use super::ConsensusParams;
+use super::evidence::{Explanation, middle, refine, ties};
+use super::hypotheses::hypotheses;
+use super::problem::Problem;
+use crate::object::check_map;
+use crate::rigid::information;
+use crate::{Error, Match, Mode, Object, Pair, Similarity, Verdict};
+
+/// Matches two object maps with a likeness of your own.
+///
+/// # Errors
+/// As [`match_objects`](crate::match_objects).
+pub fn consensus(
+    map1: &[Object],
+    map2: &[Object],
+    similarity: &impl Similarity,
+    params: &ConsensusParams,
+) -> Result<Match, Error> {
+    params.check()?;
+    check_map(map1, "map1")?;
+    check_map(map2, "map2")?;
+    let problem = Problem::new(map1, map2, similarity, params);
+    let found = separate_modes(&problem);
+    Ok(judge(&problem, found))
+}
+
+/// Explanations that differ in their transform, best first.
+fn separate_modes(problem: &Problem) -> Vec<Explanation> {
+    let centre = middle(&problem.p2);
+    let mut found: Vec<Explanation> = Vec::new();
+    let mut refined = 0;
+    for hypothesis in hypotheses(problem) {
+        if refined >= problem.params.max_hypotheses {
+            break;
+        }
+        let known = found.iter().any(|e| {
+            e.pairs.binary_search(&hypothesis.pivot).is_ok()
+                && same_mode(problem.params, &centre, &e.map1_from_map2, &hypothesis.map1_from_map2)
+        });
+        if known {
+            continue;
+        }
+        refined += 1;
+        let Some(explanation) = refine(problem, &hypothesis.map1_from_map2) else { continue };
+        let twin = found
+            .iter()
+            .position(|e| same_mode(problem.params, &centre, &e.map1_from_map2, &explanation.map1_from_map2));
+        match twin {
+            Some(k) if found[k].log_evidence >= explanation.log_evidence => {}
+            Some(k) => found[k] = explanation,
+            None => found.push(explanation),
+        }
+    }
+    found.sort_by(|x, y| y.log_evidence.total_cmp(&x.log_evidence));
+    found
+}
+
+fn same_mode(params: &ConsensusParams, centre: &Point2<f64>, a: &Isometry2<f64>, b: &Isometry2<f64>) -> bool {
+    (a * centre - b * centre).norm() < params.mode_distance
+        && a.rotation.angle_to(&b.rotation).abs() < params.mode_angle
+}
+
+fn judge(problem: &Problem, found: Vec<Explanation>) -> Match {
+    let largest = found.first().map_or(0.0, |e| e.log_evidence.max(0.0));
+    let nothing = (-largest).exp();
+    let total: f64 = nothing + found.iter().map(|e| (e.log_evidence - largest).exp()).sum::<f64>();
+    let modes: Vec<Mode> = found
+        .into_iter()
+        .take(problem.params.max_modes)
+        .filter_map(|e| mode(problem, e, largest, total))
+        .collect();
+    let verdict = match modes.first() {
+        Some(best) if best.probability >= problem.params.unique_probability => Verdict::Unique,
+        Some(_) if nothing / total < 0.5 => Verdict::Ambiguous,
+        _ => Verdict::None,
+    };
+    Match::from_modes(modes, verdict)
+}
+
+fn mode(problem: &Problem, e: Explanation, largest: f64, total: f64) -> Option<Mode> {
+    let covariance = information(&ties(problem, &e.pairs)).try_inverse()?;
+    let map1_from_map2 =
+        GaussianPose2::new(e.map1_from_map2, 0.5 * (covariance + covariance.transpose())).ok()?;
+    let probability = (e.log_evidence - largest).exp() / total;
+    let pairs = e.pairs.into_iter().map(|(first, second)| Pair { first, second }).collect();
+    Some(Mode { map1_from_map2, pairs, score: e.log_likelihood, probability })
+}
