@@ -43,6 +43,9 @@ pub enum Error {
         /// What it has to be.
         reason: &'static str,
     },
+    /// The registration crate refused an input.
+    #[error(transparent)]
+    Registration(#[from] draco_registration::Error),
 }
 
 impl Error {

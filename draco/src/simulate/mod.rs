@@ -1,1 +1,19 @@
 //! Simulated missions: worlds, paths, odometry and sonar scans, from one seed.
+//!
+//! Two scenarios after the published system's simulated sites: [`Scenario::Harbor`], rows of pilings along a quay,
+//! whose repetition makes wrong closures agree with one another, and [`Scenario::Wreck`], the scattered parts of an
+//! airplane on free ground, where shapes are distinct. Start with [`simulate`].
+//!
+//! Scans are points drawn from ray casts, [`direct_scan`].
+
+mod mission;
+mod path;
+mod scan;
+mod scenario;
+mod world;
+
+pub use mission::{OdometryNoise, ScanMode, SimulationParams, simulate, visited_overlap};
+pub use path::{KeyframePolicy, follow};
+pub use scan::{ScanParams, direct_scan};
+pub use scenario::Scenario;
+pub use world::{Hit, Shape, Solid, World};
