@@ -171,7 +171,7 @@ fn assert_same(a: &MissionData, b: &MissionData) {
         for (a, b) in a.keyframes.iter().zip(&b.keyframes) {
             assert_eq!((a.index, a.time, &a.points), (b.index, b.time, &b.points));
             assert_eq!(a.odometry.translation, b.odometry.translation);
-            assert!(a.odometry.rotation.angle_to(&b.odometry.rotation) < HEADING_TOLERANCE);
+            assert!(a.odometry.rotation.angle_to(&b.odometry.rotation).abs() < HEADING_TOLERANCE);
         }
         for (a, b) in a.truth.iter().zip(&b.truth) {
             assert_eq!(a.map(|pose| pose.translation), b.map(|pose| pose.translation));

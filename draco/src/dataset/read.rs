@@ -302,7 +302,7 @@ fn truth_has_heading(recordings: &[Recording]) -> bool {
                 let true_turn = before.rotation.rotation_to(&after.rotation);
                 let turn = first.odometry.rotation.rotation_to(&second.odometry.rotation);
                 steps += 1;
-                same += usize::from(true_turn.angle_to(&turn) < SAME_HEADING);
+                same += usize::from(true_turn.angle_to(&turn).abs() < SAME_HEADING);
             }
         }
     }

@@ -25,7 +25,7 @@ impl KeyframePolicy {
         for &(time, pose) in path {
             let due = kept.last().is_none_or(|(last_time, last)| {
                 let moved = (pose.translation.vector - last.translation.vector).norm() > self.translation_m;
-                let turned = last.rotation.angle_to(&pose.rotation) > self.rotation_rad;
+                let turned = last.rotation.angle_to(&pose.rotation).abs() > self.rotation_rad;
                 time - last_time >= self.interval_s && (moved || turned)
             });
             if due {
@@ -122,7 +122,7 @@ mod tests {
         let straight = follow(&[Point2::origin(), Point2::new(31.0, 0.0)], 0.5);
         assert_eq!(KeyframePolicy::default().select(&straight).len(), 11);
         let turning: Vec<_> =
-            (0..=90).map(|deg| (f64::from(deg), Isometry2::rotation(f64::from(deg).to_radians()))).collect();
+            (0..=90).map(|deg| (f64::from(deg), Isometry2::rotation(-f64::from(deg).to_radians()))).collect();
         let times: Vec<_> =
             KeyframePolicy::default().select(&turning).iter().map(|(time, _)| *time).collect();
         assert_eq!(times, [0.0, 31.0, 62.0]);
