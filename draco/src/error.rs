@@ -33,6 +33,15 @@ pub enum Error {
         /// What is wrong, with the offending value.
         reason: String,
     },
+    /// Pose-graph optimisation failed.
+    #[error("pose graph: {0}")]
+    PoseGraph(#[from] draco_pgo::Error),
+    /// A consistency test failed.
+    #[error("consistency: {0}")]
+    Consistency(#[from] draco_consistency::Error),
+    /// Registration failed.
+    #[error("registration: {0}")]
+    Registration(#[from] draco_registration::Error),
     /// A parameter outside its range.
     #[error("{name} = {value}: {reason}")]
     Parameter {

@@ -1,1 +1,299 @@
-//! One robot's own map: odometry, sequential matching, loop closures with PCM.
+//! One robot's own map, keyframe by keyframe: odometry, matching of each scan with the last ones, loop closures with
+//! PCM, and the calibration of the odometry.
+//!
+//! [`LocalSlam`] is a state machine: [`LocalSlam::add`] takes a keyframe, everything else reads. It has no clock, no
+//! thread and no randomness.
+
+mod loops;
+mod params;
+mod scale;
+mod step;
+mod submap;
+
+use draco_lie::LieGroup;
+use draco_pgo::{Gauge, Kernel, Key, Marginals, PoseGraph2, SolveParams, solve};
+use draco_registration::correlative::{Start, Target};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
+
+pub use params::{LocalSlamParams, LoopParams};
+pub use submap::merge;
+
+use crate::Error;
+use crate::keyframe::Keyframe;
+use loops::OwnClosure;
+use scale::{CALIBRATION, ScaledStep, scaled};
+use step::ScanFactor;
+
+/// Information of the prior that holds the first keyframe, and of what the calibration may not do.
+const HELD: f64 = 1e10;
+
+/// Information given to directions in which nothing was seen, since the solver wants every direction to have some.
+const UNKNOWN: f64 = 1e-6;
+
+/// What a factor of the robot's own graph comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FactorKind {
+    /// Odometry alone.
+    Odometry,
+    /// Odometry and a match with the last keyframes.
+    Match,
+    /// A loop closure that PCM accepted.
+    Loop,
+}
+
+/// A relative pose in the robot's own map.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LocalFactor {
+    /// Keyframe the measurement is expressed in.
+    pub from: u32,
+    /// Keyframe that is measured.
+    pub to: u32,
+    /// `from_from_to`.
+    pub measured: Isometry2<f64>,
+    /// Covariance in the frame of `to`, order x, y, heading.
+    pub covariance: Matrix3<f64>,
+    /// Where it comes from.
+    pub kind: FactorKind,
+}
+
+/// What one keyframe brought.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepReport {
+    /// Whether the scan was matched with the ones before.
+    pub matched: bool,
+    /// Score of the match, 0 when there was none.
+    pub score: f64,
+    /// Loop closures found at this step, before PCM.
+    pub loops_found: usize,
+    /// Loop closures in the map now.
+    pub loops_accepted: usize,
+}
+
+/// One step from a keyframe to the next.
+#[derive(Debug, Clone)]
+struct Step {
+    odometry: Isometry2<f64>,
+    scan: Option<ScanFactor>,
+}
+
+/// SLAM of one robot by itself. The first keyframe is the origin of its map.
+#[derive(Debug, Clone)]
+pub struct LocalSlam {
+    params: LocalSlamParams,
+    keyframes: Vec<Keyframe>,
+    poses: Vec<Isometry2<f64>>,
+    /// `steps[k]` leads from keyframe `k` to `k + 1`.
+    steps: Vec<Step>,
+    closures: Vec<OwnClosure>,
+    scale: f64,
+}
+
+impl LocalSlam {
+    /// An empty map.
+    pub fn new(params: LocalSlamParams) -> Self {
+        Self {
+            params,
+            keyframes: Vec::new(),
+            poses: Vec::new(),
+            steps: Vec::new(),
+            closures: Vec::new(),
+            scale: 1.0,
+        }
+    }
+
+    /// Takes in the next keyframe; its index has to be the number of keyframes so far.
+    ///
+    /// # Errors
+    /// A keyframe out of order or with a number that is not finite, and what matching and optimisation refuse.
+    pub fn add(&mut self, keyframe: Keyframe) -> Result<StepReport, Error> {
+        self.check(&keyframe)?;
+        let mut report = StepReport { matched: false, score: 0.0, loops_found: 0, loops_accepted: 0 };
+        let Some(last) = self.keyframes.last() else {
+            self.poses.push(Isometry2::identity());
+            self.keyframes.push(keyframe);
+            return Ok(report);
+        };
+        let odometry = last.odometry.between(&keyframe.odometry);
+        let previous = self.poses[self.poses.len() - 1];
+        self.steps.push(Step { odometry, scan: None });
+        self.poses.push(previous * scaled(&odometry, self.scale));
+        self.keyframes.push(keyframe);
+        let newest = self.keyframes.len() - 1;
+        (report.matched, report.score) = self.match_step(newest)?;
+        if report.matched {
+            self.optimise()?;
+        }
+        report.loops_found = self.find_loops(newest)?;
+        if report.loops_found > 0 {
+            self.judge_loops()?;
+            self.optimise()?;
+        }
+        report.loops_accepted = self.closures.iter().filter(|closure| closure.accepted).count();
+        Ok(report)
+    }
+
+    fn check(&self, keyframe: &Keyframe) -> Result<(), Error> {
+        let wanted = self.keyframes.len();
+        if keyframe.index as usize != wanted {
+            let reason = "keyframes of one robot have to come in order from 0";
+            return Err(Error::Parameter {
+                name: "keyframe index",
+                value: f64::from(keyframe.index),
+                reason,
+            });
+        }
+        let pose = keyframe.odometry;
+        let numbers = [pose.translation.x, pose.translation.y, pose.rotation.angle()];
+        if let Some(value) = numbers.into_iter().find(|v| !v.is_finite()) {
+            return Err(Error::Parameter { name: "odometry", value, reason: "has to be finite" });
+        }
+        Ok(())
+    }
+
+    /// Covariance of a step by odometry, in the frame of the later keyframe.
+    fn odometry_covariance(&self) -> Matrix3<f64> {
+        let (along, angle) = (self.params.odometry_sigma.powi(2), self.params.odometry_sigma_angle.powi(2));
+        Matrix3::from_diagonal(&Vector3::new(along, along, angle))
+    }
+
+    /// Matches keyframe `k` with the window before it. Returns whether it worked, and the score.
+    fn match_step(&mut self, k: usize) -> Result<(bool, f64), Error> {
+        let source = &self.keyframes[k].points;
+        if source.len() < self.params.min_points {
+            return Ok((false, 0.0));
+        }
+        let target = self.submap(k.saturating_sub(self.params.window), k - 1, k - 1);
+        if target.len() < self.params.min_points {
+            return Ok((false, 0.0));
+        }
+        let start = scaled(&self.steps[k - 1].odometry, self.scale);
+        let prior = self.odometry_covariance();
+        let found = Target::new(&target, &self.params.step)?
+            .locate(source, &Start { target_from_source: start, covariance: Some(prior) })?;
+        if found.score < self.params.step_min_score {
+            self.steps[k - 1].scan = None;
+            return Ok((false, found.score));
+        }
+        self.steps[k - 1].scan = ScanFactor::without_prior(&found, &start, &prior);
+        Ok((self.steps[k - 1].scan.is_some(), found.score))
+    }
+
+    /// Keyframes `first..=last` merged at their present poses, in the frame of keyframe `frame`.
+    pub(crate) fn submap(&self, first: usize, last: usize, frame: usize) -> Vec<Point2<f64>> {
+        let last = last.min(self.keyframes.len().saturating_sub(1));
+        let scans = (first..=last).map(|k| (self.poses[k], self.keyframes[k].points.as_slice()));
+        merge(scans, &self.poses[frame], self.params.voxel)
+    }
+
+    /// The pose graph at the present poses.
+    fn graph(&self) -> Result<PoseGraph2, Error> {
+        let mut graph = PoseGraph2::new();
+        let held = Matrix3::identity() * HELD;
+        for (k, pose) in self.poses.iter().enumerate() {
+            graph.add_pose(key(k), *pose)?;
+        }
+        graph.add_prior(key(0), Isometry2::identity(), held, Kernel::None)?;
+        graph.add_pose(CALIBRATION, Isometry2::translation(self.scale, 0.0))?;
+        let unknown = Vector3::new(self.params.scale_sigma.powi(-2), HELD, HELD);
+        graph.add_prior(
+            CALIBRATION,
+            Isometry2::translation(1.0, 0.0),
+            Matrix3::from_diagonal(&unknown),
+            Kernel::None,
+        )?;
+        let sigma = self.odometry_covariance().diagonal().map(f64::sqrt);
+        for (k, step) in self.steps.iter().enumerate() {
+            let factor = ScaledStep::new(key(k), key(k + 1), step.odometry, sigma);
+            graph.add_custom(std::sync::Arc::new(factor), Kernel::None)?;
+            if let Some(scan) = &step.scan {
+                let information = scan.information + Matrix3::identity() * UNKNOWN;
+                graph.add_between(key(k), key(k + 1), scan.measured, information, Kernel::None)?;
+            }
+        }
+        for closure in self.closures.iter().filter(|closure| closure.accepted) {
+            let kernel = Kernel::Cauchy(self.params.loops.cauchy);
+            let information = information_of(&closure.covariance);
+            graph.add_between(
+                key(closure.target),
+                key(closure.source),
+                closure.measured,
+                information,
+                kernel,
+            )?;
+        }
+        Ok(graph)
+    }
+
+    /// Moves poses and calibration to the optimum.
+    fn optimise(&mut self) -> Result<(), Error> {
+        let solution = solve(&self.graph()?, &SolveParams::default())?;
+        for (k, pose) in self.poses.iter_mut().enumerate() {
+            if let Some(solved) = solution.pose(key(k)) {
+                *pose = *solved;
+            }
+        }
+        if let Some(calibration) = solution.pose(CALIBRATION) {
+            self.scale = calibration.translation.x;
+        }
+        Ok(())
+    }
+
+    /// Covariances of the poses at their present values.
+    ///
+    /// # Errors
+    /// Those of the factorisation; not on an optimised map.
+    pub fn marginals(&self) -> Result<Marginals<Isometry2<f64>, 3>, Error> {
+        Ok(Marginals::new(&self.graph()?, Gauge::Require)?)
+    }
+
+    /// Keyframes so far.
+    pub fn keyframes(&self) -> &[Keyframe] {
+        &self.keyframes
+    }
+
+    /// Pose of each keyframe in the robot's map.
+    pub fn poses(&self) -> &[Isometry2<f64>] {
+        &self.poses
+    }
+
+    /// True length over length by odometry, as calibrated so far.
+    pub fn odometry_scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// The measurements of the map: one a step, with the calibration of the moment, then the accepted closures.
+    pub fn factors(&self) -> Vec<LocalFactor> {
+        let prior = self.odometry_covariance();
+        let steps = self.steps.iter().enumerate().map(|(k, step)| {
+            let odometry = scaled(&step.odometry, self.scale);
+            let (measured, covariance, kind) = match &step.scan {
+                Some(scan) => {
+                    let (measured, covariance) = scan.fused(&odometry, &prior);
+                    (measured, covariance, FactorKind::Match)
+                }
+                None => (odometry, prior, FactorKind::Odometry),
+            };
+            LocalFactor { from: k as u32, to: k as u32 + 1, measured, covariance, kind }
+        });
+        let closures = self.closures.iter().filter(|closure| closure.accepted).map(|closure| LocalFactor {
+            from: closure.target as u32,
+            to: closure.source as u32,
+            measured: closure.measured,
+            covariance: closure.covariance,
+            kind: FactorKind::Loop,
+        });
+        steps.chain(closures).collect()
+    }
+}
+
+/// The inverse of a covariance; none where it has none.
+fn information_of(covariance: &Matrix3<f64>) -> Matrix3<f64> {
+    covariance.cholesky().map_or_else(Matrix3::zeros, |factored| {
+        let information = factored.inverse();
+        (information + information.transpose()) * 0.5
+    })
+}
+
+fn key(k: usize) -> Key {
+    Key::new(0, k as u64)
+}

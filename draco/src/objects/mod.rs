@@ -1,1 +1,3 @@
 //! Objects of a map: density clusters with their rectangles, and persistent cells.
+
+pub mod cells;
