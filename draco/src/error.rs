@@ -33,15 +33,6 @@ pub enum Error {
         /// What is wrong, with the offending value.
         reason: String,
     },
-    /// Pose-graph optimisation failed.
-    #[error("pose graph: {0}")]
-    PoseGraph(#[from] draco_pgo::Error),
-    /// A consistency test failed.
-    #[error("consistency: {0}")]
-    Consistency(#[from] draco_consistency::Error),
-    /// Registration failed.
-    #[error("registration: {0}")]
-    Registration(#[from] draco_registration::Error),
     /// A parameter outside its range.
     #[error("{name} = {value}: {reason}")]
     Parameter {
@@ -52,9 +43,15 @@ pub enum Error {
         /// What it has to be.
         reason: &'static str,
     },
-    /// The registration crate refused an input.
-    #[error(transparent)]
+    /// Registration failed.
+    #[error("registration: {0}")]
     Registration(#[from] draco_registration::Error),
+    /// Pose-graph optimisation failed.
+    #[error("pose graph: {0}")]
+    PoseGraph(#[from] draco_pgo::Error),
+    /// A consistency test failed.
+    #[error("consistency: {0}")]
+    Consistency(#[from] draco_consistency::Error),
 }
 
 impl Error {

@@ -1,3 +1,1 @@
 //! Objects of a map: density clusters with their rectangles, and persistent cells.
-
-pub mod cells;
