@@ -5,7 +5,27 @@
 //! `G: LieGroup<N>` serves both dimensions.
 //!
 //! Tangent order is **translation, then rotation**; perturbations are on the **right**, `T ⊞ ξ = T · exp(ξ)`;
-//! covariances are in that order, in the frame of the pose's own body.
+//! covariances are in that order, in the frame of the pose's own body. For matrices of other libraries see
+//! [`convention`].
+//!
+//! Start with [`GaussianPose`] for poses with covariance, with [`LieGroup::between_error_with_jacobians`] for a
+//! factor of a pose graph. Not for you when you need `f32`, automatic differentiation or similarity transforms.
+//!
+//! ```
+//! use draco_lie::LieGroup;
+//! use nalgebra::{Isometry3, Vector6};
+//!
+//! let xi = Vector6::new(1.0, 2.0, 3.0, 0.1, -0.2, 0.3);
+//! let world_from_body = Isometry3::exp(&xi);
+//! assert!((world_from_body.log() - xi).norm() < 1e-15);
+//!
+//! // the same for every group
+//! fn halfway<const N: usize, G: LieGroup<N>>(a: &G, b: &G) -> G {
+//!     a.interpolate(b, 0.5)
+//! }
+//! let middle = halfway(&LieGroup::identity(), &world_from_body);
+//! assert!((middle.log() - xi * 0.5).norm() < 1e-15);
+//! ```
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used))]
 
@@ -30,3 +50,8 @@ pub use group::{LieGroup, Linearized, LinearizedPair};
 pub use mean::{Mean, MeanParams, Termination, frechet_mean};
 pub use points::{MovedPoint, PointAction};
 pub use so3::{hat3, vee3};
+
+/// The program the README opens with, compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeDoctests;

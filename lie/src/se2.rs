@@ -35,6 +35,13 @@ impl LieGroup<3> for Isometry2<f64> {
         let t = &self.translation.vector;
         Vector3::new(a * t.x + half * t.y, a * t.y - half * t.x, theta)
     }
+    #[inline]
+    fn between(&self, other: &Self) -> Self {
+        // the difference first: exact for close poses however far from the origin they lie
+        let rotation = self.rotation.conjugate();
+        let translation = rotation * (other.translation.vector - self.translation.vector);
+        Isometry2::from_parts(translation.into(), rotation.compose(&other.rotation))
+    }
     fn hat(xi: &Vector3<f64>) -> Matrix3<f64> {
         Matrix3::new(0.0, -xi[2], xi[0], xi[2], 0.0, xi[1], 0.0, 0.0, 0.0)
     }

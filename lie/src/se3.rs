@@ -5,7 +5,7 @@ use nalgebra::{
 use crate::check::{check_bottom_row, check_finite, check_hat};
 use crate::coefficients::{Angle, Forward, Inverse};
 use crate::so3::{exp_with_half, hat3, spin_matrix, vee3};
-use crate::{Error, LieGroup};
+use crate::{Error, LieGroup, LinearizedPair};
 
 #[inline]
 pub(crate) fn parts(xi: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
@@ -57,6 +57,13 @@ fn spin(x: f64, y: f64, z: f64, phi: &Vector3<f64>, v: &Vector3<f64>) -> Vector3
     v * x + phi.cross(v) * y + phi * (z * phi.dot(v))
 }
 
+/// `m · hat(t)`: the rows of `m` cross `t`.
+#[inline]
+fn times_hat(m: &Matrix3<f64>, t: &Vector3<f64>) -> Matrix3<f64> {
+    let (x, y, z) = (m.column(0), m.column(1), m.column(2));
+    Matrix3::from_columns(&[y * t.z - z * t.y, z * t.x - x * t.z, x * t.y - y * t.x])
+}
+
 /// SE(3). Tangent `[ρx, ρy, ρz, φx, φy, φz]` in metres and radians.
 impl LieGroup<6> for Isometry3<f64> {
     type Matrix = Matrix4<f64>;
@@ -88,6 +95,32 @@ impl LieGroup<6> for Isometry3<f64> {
         let f = Inverse::by_series(phi.norm_squared());
         let rho = spin(f.a, -0.5, f.d, &phi, &self.translation.vector);
         Vector6::new(rho.x, rho.y, rho.z, phi.x, phi.y, phi.z)
+    }
+    #[inline]
+    fn between(&self, other: &Self) -> Self {
+        // the difference first: exact for close poses however far from the origin they lie
+        let rotation = self.rotation.conjugate();
+        let translation = rotation * (other.translation.vector - self.translation.vector);
+        Isometry3::from_parts(translation.into(), rotation.compose(&other.rotation))
+    }
+    #[inline]
+    fn between_error_with_jacobians(measured: &Self, a: &Self, b: &Self) -> LinearizedPair<Vector6<f64>, 6> {
+        let relative = a.between(b);
+        let error = measured.between(&relative);
+        let phi = LieGroup::log(&error.rotation);
+        let f = Inverse::by_series(phi.norm_squared());
+        let rho = spin(f.a, -0.5, f.d, &phi, &error.translation.vector);
+        let j = spin_matrix(f.a, 0.5, f.d, &phi);
+        let q = spin_derivative((0.5, f.d), (f.a_rate, 0.0, f.d_rate), &rho, &phi);
+        // -[[j, q], [0, j]] Ad(relative⁻¹), with Ad(relative⁻¹) = [[Rᵀ, -Rᵀ [t]×], [0, Rᵀ]]
+        let back = relative.rotation.conjugate().to_rotation_matrix().into_inner();
+        let turned = -(j * back);
+        let upper = -(q * back) - times_hat(&turned, &relative.translation.vector);
+        LinearizedPair {
+            value: Vector6::new(rho.x, rho.y, rho.z, phi.x, phi.y, phi.z),
+            first: blocks(&turned, &upper),
+            second: blocks(&j, &q),
+        }
     }
     fn hat(xi: &Vector6<f64>) -> Matrix4<f64> {
         let (rho, phi) = parts(xi);
