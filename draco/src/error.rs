@@ -33,6 +33,37 @@ pub enum Error {
         /// What is wrong, with the offending value.
         reason: String,
     },
+    /// A mission without robots.
+    #[error("the mission has no robots")]
+    NoRobots,
+    /// A robot without keyframes.
+    #[error("robot {robot} has no keyframes")]
+    EmptyRobot {
+        /// The robot.
+        robot: u32,
+    },
+    /// A factor of a robot's graph whose covariance cannot be inverted.
+    #[error("robot {robot}, factor {from} to {to}: the covariance cannot be inverted")]
+    Covariance {
+        /// The robot.
+        robot: u32,
+        /// Keyframe measured from.
+        from: u32,
+        /// Keyframe measured.
+        to: u32,
+    },
+    /// A message that cannot be sent.
+    #[error(transparent)]
+    Wire(#[from] crate::message::WireError),
+    /// Pose-graph optimisation failed.
+    #[error(transparent)]
+    PoseGraph(#[from] draco_pgo::Error),
+    /// A consistency test failed.
+    #[error(transparent)]
+    Consistency(#[from] draco_consistency::Error),
+    /// Registration failed.
+    #[error(transparent)]
+    Registration(#[from] draco_registration::Error),
     /// A parameter outside its range.
     #[error("{name} = {value}: {reason}")]
     Parameter {
@@ -43,15 +74,6 @@ pub enum Error {
         /// What it has to be.
         reason: &'static str,
     },
-    /// Registration failed.
-    #[error("registration: {0}")]
-    Registration(#[from] draco_registration::Error),
-    /// Pose-graph optimisation failed.
-    #[error("pose graph: {0}")]
-    PoseGraph(#[from] draco_pgo::Error),
-    /// A consistency test failed.
-    #[error("consistency: {0}")]
-    Consistency(#[from] draco_consistency::Error),
 }
 
 impl Error {

@@ -13,6 +13,7 @@ pub mod sonar;
 
 pub mod local_slam;
 pub mod objects;
+pub mod robot_graph;
 
 pub mod link;
 pub mod message;

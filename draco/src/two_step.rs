@@ -1,1 +1,165 @@
-//! Two-step distributed pose-graph optimisation.
+//! The team's poses from everybody's own graphs and the closures between them.
+
+use std::collections::BTreeMap;
+
+use draco_pgo::{Kernel, Key, PoseGraph2, SolveParams, solve};
+use nalgebra::Isometry2;
+
+use crate::error::Error;
+use crate::keyframe::RobotId;
+use crate::message::{ClosureEntry, KeyframeId};
+use crate::robot_graph::RobotGraph;
+
+/// Kernel of closures between robots. A consistency test has passed them, but a test can be wrong.
+pub const CLOSURE_KERNEL: Kernel = Kernel::Cauchy(1.0);
+
+/// Poses of several robots in the map frame of one of them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TeamEstimate {
+    trajectories: BTreeMap<RobotId, Vec<Isometry2<f64>>>,
+}
+
+impl TeamEstimate {
+    /// The estimate of a robot that has met nobody.
+    pub fn alone(robot: RobotId, poses: &[Isometry2<f64>]) -> Self {
+        TeamEstimate { trajectories: BTreeMap::from([(robot, poses.to_vec())]) }
+    }
+
+    /// The robots in the common frame, ascending.
+    pub fn robots(&self) -> impl Iterator<Item = RobotId> + '_ {
+        self.trajectories.keys().copied()
+    }
+
+    /// The poses of `robot`, one a keyframe, if it is in the common frame.
+    pub fn trajectory(&self, robot: RobotId) -> Option<&[Isometry2<f64>]> {
+        self.trajectories.get(&robot).map(Vec::as_slice)
+    }
+
+    /// One pose.
+    pub fn pose(&self, keyframe: KeyframeId) -> Option<&Isometry2<f64>> {
+        self.trajectories.get(&keyframe.robot)?.get(keyframe.index as usize)
+    }
+}
+
+impl TeamEstimate {
+    /// All poses with their keys in a pose graph.
+    pub fn keyed_poses(&self) -> impl Iterator<Item = (Key, Isometry2<f64>)> + '_ {
+        self.trajectories.iter().flat_map(|(&robot, poses)| {
+            poses.iter().enumerate().map(move |(index, pose)| (Key::new(robot, index as u64), *pose))
+        })
+    }
+}
+
+/// How the team's poses are estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Optimisation {
+    /// All poses of all robots at once.
+    #[default]
+    Full,
+}
+
+/// What the estimate is made of.
+#[derive(Debug, Clone)]
+pub struct TeamProblem<'a> {
+    /// The robot in whose map frame the estimate is; its first keyframe is held.
+    pub reference: RobotId,
+    /// The robots' own graphs. Those that no chain of closures joins to the reference are left out.
+    pub graphs: BTreeMap<RobotId, &'a RobotGraph>,
+    /// Where to start: the last estimate of where each map lies in the reference's. A robot without an entry starts
+    /// where its first closure puts it.
+    pub reference_from_map: BTreeMap<RobotId, Isometry2<f64>>,
+    /// Accepted closures.
+    pub closures: &'a [ClosureEntry],
+}
+
+impl TeamProblem<'_> {
+    /// The robots that closures join to the reference, each with the place of its map to start from.
+    pub fn placements(&self) -> BTreeMap<RobotId, Isometry2<f64>> {
+        let mut placed = BTreeMap::from([(self.reference, Isometry2::identity())]);
+        loop {
+            let before = placed.len();
+            for closure in self.closures {
+                for (known, new, new_from_known) in [
+                    (closure.target, closure.source, closure.measured.inverse()),
+                    (closure.source, closure.target, closure.measured),
+                ] {
+                    if placed.contains_key(&new.robot) {
+                        continue;
+                    }
+                    let (Some(frame), Some(a), Some(b)) =
+                        (placed.get(&known.robot).copied(), self.local(known), self.local(new))
+                    else {
+                        continue;
+                    };
+                    let implied = frame * a * new_from_known.inverse() * b.inverse();
+                    let place = self.reference_from_map.get(&new.robot).copied().unwrap_or(implied);
+                    placed.insert(new.robot, place);
+                }
+            }
+            if placed.len() == before {
+                return placed;
+            }
+        }
+    }
+
+    fn local(&self, keyframe: KeyframeId) -> Option<Isometry2<f64>> {
+        self.graphs.get(&keyframe.robot)?.poses().get(keyframe.index as usize).copied()
+    }
+
+    /// The graph of the whole team: every robot's own factors once, and the closures under [`CLOSURE_KERNEL`].
+    ///
+    /// # Errors
+    /// A factor or closure that cannot be added, which names it.
+    pub fn graph(&self) -> Result<PoseGraph2, Error> {
+        let mut graph = PoseGraph2::new();
+        let placements = self.placements();
+        for (&robot, place) in &placements {
+            if let Some(own) = self.graphs.get(&robot) {
+                own.add_to(&mut graph, robot, place)?;
+            }
+        }
+        for closure in self.closures {
+            let known = |k: KeyframeId| placements.contains_key(&k.robot) && self.local(k).is_some();
+            if !(known(closure.source) && known(closure.target)) {
+                continue;
+            }
+            let (source, target) = (closure.source, closure.target);
+            let information = closure.covariance.try_inverse().ok_or(Error::Covariance {
+                robot: source.robot,
+                from: target.index,
+                to: source.index,
+            })?;
+            graph.add_between(key(target), key(source), closure.measured, information, CLOSURE_KERNEL)?;
+        }
+        graph.set_fixed(Key::new(self.reference, 0), true)?;
+        Ok(graph)
+    }
+
+    /// The team's poses.
+    ///
+    /// # Errors
+    /// Those of [`TeamProblem::graph`] and of the solver.
+    pub fn solve(&self, optimisation: Optimisation) -> Result<TeamEstimate, Error> {
+        match optimisation {
+            Optimisation::Full => self.solve_full(),
+        }
+    }
+
+    /// All poses of all joined robots in one optimisation.
+    ///
+    /// # Errors
+    /// Those of [`TeamProblem::graph`] and of the solver.
+    pub fn solve_full(&self) -> Result<TeamEstimate, Error> {
+        let graph = self.graph()?;
+        let solution = solve(&graph, &SolveParams::default())?;
+        let mut trajectories: BTreeMap<RobotId, Vec<Isometry2<f64>>> = BTreeMap::new();
+        for (key, pose) in solution.poses() {
+            trajectories.entry(key.robot).or_default().push(*pose);
+        }
+        Ok(TeamEstimate { trajectories })
+    }
+}
+
+fn key(keyframe: KeyframeId) -> Key {
+    Key::new(keyframe.robot, keyframe.index.into())
+}

@@ -1,1 +1,0 @@
-//! One robot as a state machine without clock, thread, file or socket.

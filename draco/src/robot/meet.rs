@@ -1,0 +1,268 @@
+//! From two maps to closures: alignment, candidates, registration, choice, estimate.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use draco_consistency::{Closure2, MapTransform, PoseKey, Trajectories2};
+use draco_registration::correlative::MapMode;
+use nalgebra::Isometry2;
+
+use super::partner::{Alignment, Partner};
+use super::{AlignmentEvent, Proposal, Robot};
+use crate::alignment::{self, Verdict};
+use crate::closure;
+use crate::consistency::{self, Evidence, Judgement};
+use crate::error::Error;
+use crate::evaluate::{Decision, rigid_alignment};
+use crate::keyframe::RobotId;
+use crate::local_slam::merge;
+use crate::message::{CellMap, ClosureEntry, KeyframeId};
+use crate::objects::{self, Object};
+use crate::robot_graph::RobotGraph;
+use crate::two_step::TeamEstimate;
+
+impl Robot {
+    /// The persistent cells of the own map.
+    pub(super) fn cell_map(&self) -> CellMap {
+        objects::persistent_cells(self.local.keyframes(), self.local.poses(), &self.params.cells)
+    }
+
+    /// The objects of the own map.
+    pub(super) fn object_map(&self) -> Result<Vec<Object>, Error> {
+        objects::extract(self.local.keyframes(), self.local.poses(), &self.params.objects)
+    }
+
+    /// Alignment, candidates and registration with every partner.
+    pub(super) fn meet_partners(&mut self, now: f64) -> Result<(), Error> {
+        let mut partners = std::mem::take(&mut self.partners);
+        for (&id, partner) in &mut partners {
+            self.align(id, partner, now)?;
+            self.register_candidates(id, partner, now)?;
+            self.confirm(id, partner, now);
+        }
+        self.partners = partners;
+        Ok(())
+    }
+
+    /// Looks for the one clear way in which both maps fit, when either has grown since the last attempt.
+    fn align(&mut self, id: RobotId, partner: &mut Partner, now: f64) -> Result<(), Error> {
+        let (Alignment::Unknown, Some(theirs)) = (&partner.alignment, &partner.cells) else { return Ok(()) };
+        let grown = self.local.poses().len() >= partner.last_attempt.0 + self.params.exchange.map_interval
+            || theirs.keyframes > partner.last_attempt.1;
+        if !grown {
+            return Ok(());
+        }
+        partner.last_attempt = (self.local.poses().len(), theirs.keyframes);
+        match alignment::align(&self.cell_map(), theirs, &self.params.alignment)? {
+            Verdict::Clear(mode) => {
+                self.tell(id, now, format!("maps fit, score {:.2}; closures have to confirm it", mode.score));
+                partner.alignment = Alignment::Tentative(mode);
+            }
+            Verdict::Ambiguous { ratio } => {
+                self.tell(id, now, format!("ambiguous: second best fit at {ratio:.2} of the best"));
+            }
+            Verdict::None => {}
+        }
+        Ok(())
+    }
+
+    fn tell(&mut self, partner: RobotId, time: f64, verdict: String) {
+        self.events.push(AlignmentEvent { partner, time, verdict });
+    }
+
+    /// Where a partner's map lies, by the team's estimate if it has one, else by the alignment.
+    pub(super) fn own_from_partner(&self, id: RobotId, partner: &Partner) -> Option<Isometry2<f64>> {
+        self.fitted(id, partner.graph.poses()).or_else(|| Some(partner.hypothesis()?.target_from_source))
+    }
+
+    /// The rigid motion that lays a local map over its robot's trajectory in the team's estimate.
+    fn fitted(&self, id: RobotId, local: &[Isometry2<f64>]) -> Option<Isometry2<f64>> {
+        let seen = self.team.trajectory(id)?;
+        let pairs: Vec<_> =
+            local.iter().zip(seen).map(|(a, b)| (a.translation.vector, b.translation.vector)).collect();
+        rigid_alignment(&pairs)
+    }
+
+    /// Registers keyframe pairs that should overlap; asks for scans that are missing.
+    fn register_candidates(&mut self, id: RobotId, partner: &mut Partner, now: f64) -> Result<(), Error> {
+        let Some(own_from_partner) = self.own_from_partner(id, partner) else { return Ok(()) };
+        let placed: Vec<_> = partner.graph.poses().iter().map(|pose| own_from_partner * pose).collect();
+        let candidates = closure::candidates(self.local.poses(), &placed, &self.params.closure);
+        let mut missing = BTreeSet::new();
+        for candidate in candidates {
+            let pair = (candidate.own, candidate.partner);
+            if partner.tested.contains_key(&pair) || !self.is_mine(id, candidate.own, candidate.partner) {
+                continue;
+            }
+            let around = self.params.closure.source_range(candidate.partner, placed.len() as u32);
+            let lacking: Vec<u32> = around.clone().filter(|k| !partner.scans.contains_key(k)).collect();
+            if !lacking.is_empty() {
+                missing.extend(lacking);
+                continue;
+            }
+            let frame = partner.graph.poses()[candidate.partner as usize];
+            let source =
+                merge(partner.scans_between(*around.start(), *around.end()), &frame, self.params.local.voxel);
+            let target = self.own_submap(candidate.own);
+            let start =
+                self.local.poses()[candidate.own as usize].inv_mul(&placed[candidate.partner as usize]);
+            let registered = closure::register(&target, &source, &start, &self.params.closure)?;
+            partner.tested.insert(pair, registered.map(|r| r.passed));
+            if let Some(registered) = registered.filter(|r| r.passed) {
+                let entry = ClosureEntry {
+                    source: KeyframeId { robot: id, index: candidate.partner },
+                    target: KeyframeId { robot: self.id, index: candidate.own },
+                    measured: registered.target_from_source,
+                    covariance: registered.covariance,
+                };
+                let key = (entry.source, entry.target);
+                let reason = "not judged yet".into();
+                self.proposals
+                    .insert(key, Proposal { entry, time: now, decision: Decision::Undecided, reason });
+            }
+        }
+        let new: Vec<u32> = missing.into_iter().filter(|k| partner.requested.insert(*k)).collect();
+        if !new.is_empty() {
+            self.outbox.wanted.insert(id, new);
+        }
+        Ok(())
+    }
+
+    /// Each keyframe pair is registered by one of its two robots: the same two scans matched twice are no second
+    /// measurement.
+    fn is_mine(&self, partner: RobotId, own_index: u32, partner_index: u32) -> bool {
+        (own_index + partner_index).is_multiple_of(2) == (self.id < partner)
+    }
+
+    fn own_submap(&self, keyframe: u32) -> Vec<nalgebra::Point2<f64>> {
+        let range = self.params.closure.target_range(keyframe, self.local.poses().len() as u32);
+        let scans = range
+            .map(|k| (self.local.poses()[k as usize], self.local.keyframes()[k as usize].points.as_slice()));
+        merge(scans, &self.local.poses()[keyframe as usize], self.params.local.voxel)
+    }
+
+    /// Believes a hypothesis that registrations confirm, forgets one that they do not.
+    fn confirm(&mut self, id: RobotId, partner: &mut Partner, now: f64) {
+        let Alignment::Tentative(mode) = partner.alignment else { return };
+        let tested = partner.tested.values().flatten().count();
+        let passed = partner.tested.values().flatten().filter(|passed| **passed).count();
+        match self.params.alignment.judge(passed, tested) {
+            None => {}
+            Some(true) => {
+                self.tell(id, now, format!("aligned: {passed} of {tested} registrations passed"));
+                partner.alignment = Alignment::Accepted(mode);
+            }
+            Some(false) => {
+                self.tell(id, now, format!("refuted: only {passed} of {tested} registrations passed"));
+                self.proposals.retain(|(source, _), _| source.robot != id);
+                partner.drop_hypothesis();
+            }
+        }
+    }
+
+    /// Judges all closures of aligned pairs and estimates the team's poses from those believed.
+    pub(super) fn choose_closures(&mut self) -> Result<(), Error> {
+        let own_graph = RobotGraph::from_map(self.own_factors(), self.local.poses().to_vec());
+        let entries = self.entries();
+        if entries.is_empty() {
+            self.accepted.clear();
+            self.team = TeamEstimate::alone(self.id, self.local.poses());
+            return Ok(());
+        }
+        let evidence = self.evidence(&own_graph, &entries)?;
+        let judgement = consistency::select(self.params.method, &evidence)?;
+        self.record(&entries, &judgement);
+        self.accepted = judgement
+            .selection
+            .accepted
+            .iter()
+            .map(|&i| ClosureEntry { covariance: judgement.covariances[i], ..entries[i].clone() })
+            .collect();
+        self.team = self.team_problem(&own_graph).solve(self.params.optimisation)?;
+        Ok(())
+    }
+}
+
+impl Robot {
+    /// The closures to judge: own proposals under believed alignments and what partners believe, each keyframe pair
+    /// once, ascending in source and target.
+    fn entries(&self) -> Vec<ClosureEntry> {
+        let mut entries: BTreeMap<(KeyframeId, KeyframeId), &ClosureEntry> = BTreeMap::new();
+        let own = self
+            .proposals
+            .values()
+            .map(|proposal| &proposal.entry)
+            .filter(|e| self.is_aligned(e.source.robot));
+        let theirs = self.partners.values().flat_map(|partner| partner.closures.values());
+        for entry in own.chain(theirs.filter(|e| self.knows(e.source) && self.knows(e.target))) {
+            let pair = (entry.source.min(entry.target), entry.source.max(entry.target));
+            entries.entry(pair).or_insert(entry);
+        }
+        entries.into_values().cloned().collect()
+    }
+
+    fn is_aligned(&self, partner: RobotId) -> bool {
+        self.partners.get(&partner).is_some_and(|p| matches!(p.alignment, Alignment::Accepted(_)))
+    }
+
+    fn knows(&self, keyframe: KeyframeId) -> bool {
+        let count = match self.partners.get(&keyframe.robot) {
+            Some(partner) => partner.graph.poses().len(),
+            None if keyframe.robot == self.id => self.local.poses().len(),
+            None => 0,
+        };
+        (keyframe.index as usize) < count
+    }
+
+    /// Everything the consistency test asks for.
+    fn evidence(&self, own_graph: &RobotGraph, entries: &[ClosureEntry]) -> Result<Evidence, Error> {
+        let mut touched: BTreeMap<RobotId, BTreeSet<u32>> = BTreeMap::new();
+        for keyframe in entries.iter().flat_map(|e| [e.source, e.target]) {
+            touched.entry(keyframe.robot).or_default().insert(keyframe.index);
+        }
+        let mut trajectories = Trajectories2::new();
+        for (robot, indices) in touched {
+            let graph = if robot == self.id { own_graph } else { &self.partners[&robot].graph };
+            let indices: Vec<u32> = indices.into_iter().collect();
+            trajectories.insert(robot, graph.trajectory(&indices)?);
+        }
+        let key = |k: KeyframeId| PoseKey::new(k.robot, k.index as usize);
+        let closure = |e: &ClosureEntry| Closure2 {
+            source: key(e.source),
+            target: key(e.target),
+            target_from_source: e.measured,
+            covariance: e.covariance,
+        };
+        let transform = |source: RobotId, mode: &MapMode| MapTransform {
+            source,
+            target: self.id,
+            target_from_source: mode.target_from_source,
+            covariance: mode.covariance,
+        };
+        let priors = self.partners.iter().filter_map(|(&id, p)| match &p.alignment {
+            Alignment::Accepted(mode) => Some(transform(id, mode)),
+            Alignment::Unknown | Alignment::Tentative(_) => None,
+        });
+        Ok(Evidence {
+            reference: self.id,
+            trajectories,
+            closures: entries.iter().map(closure).collect(),
+            map_transforms: priors.collect(),
+        })
+    }
+
+    /// Writes the verdicts to the robot's own proposals.
+    fn record(&mut self, entries: &[ClosureEntry], judgement: &Judgement) {
+        let selection = &judgement.selection;
+        let accepted = selection.accepted.iter().map(|&i| (i, Decision::Accepted, "consistent".to_string()));
+        let rejected =
+            selection.rejected.iter().map(|r| (r.closure, Decision::Rejected, r.reason.to_string()));
+        let undecided =
+            selection.undecided.iter().map(|r| (r.closure, Decision::Undecided, r.reason.to_string()));
+        for (index, decision, reason) in accepted.chain(rejected).chain(undecided) {
+            if let Some(proposal) = self.proposals.get_mut(&(entries[index].source, entries[index].target)) {
+                proposal.decision = decision;
+                proposal.reason = reason;
+            }
+        }
+    }
+}

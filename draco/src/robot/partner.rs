@@ -1,0 +1,72 @@
+//! What a robot knows of one other robot, all of it received over the link.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use draco_registration::correlative::MapMode;
+use nalgebra::{Isometry2, Point2};
+
+use crate::message::{CellMap, ClosureEntry, KeyframeId, ObjectEntry};
+use crate::robot_graph::RobotGraph;
+
+/// Where the partner's map lies in this robot's, as far as is known.
+#[derive(Debug, Clone, Default)]
+pub(super) enum Alignment {
+    /// Nobody knows yet.
+    #[default]
+    Unknown,
+    /// The maps fit in one clear way; closures have to confirm it before it is believed.
+    Tentative(MapMode),
+    /// Confirmed.
+    Accepted(MapMode),
+}
+
+/// Another robot.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Partner {
+    /// Its own pose graph and local map.
+    pub(super) graph: RobotGraph,
+    /// Its persistent cells, and whether they are newer than the last alignment.
+    pub(super) cells: Option<CellMap>,
+    /// Its objects.
+    pub(super) objects: Vec<ObjectEntry>,
+    /// Scans received, by keyframe.
+    pub(super) scans: BTreeMap<u32, Vec<Point2<f64>>>,
+    /// Keyframes whose scans have been asked for.
+    pub(super) requested: BTreeSet<u32>,
+    /// Closures it believes, by source and target.
+    pub(super) closures: BTreeMap<(KeyframeId, KeyframeId), ClosureEntry>,
+    /// Where its map lies.
+    pub(super) alignment: Alignment,
+    /// Keyframes of both maps at the last attempt to align them.
+    pub(super) last_attempt: (usize, u32),
+    /// Keyframe pairs already registered (own, partner's), and whether the result passed its gate; `None` where there
+    /// were too few points to try.
+    pub(super) tested: BTreeMap<(u32, u32), Option<bool>>,
+}
+
+impl Partner {
+    /// The alignment under which closures may be looked for.
+    pub(super) fn hypothesis(&self) -> Option<&MapMode> {
+        match &self.alignment {
+            Alignment::Unknown => None,
+            Alignment::Tentative(mode) | Alignment::Accepted(mode) => Some(mode),
+        }
+    }
+
+    /// The partner's scans `first..=last` with their local poses, as far as they have arrived.
+    pub(super) fn scans_between(
+        &self,
+        first: u32,
+        last: u32,
+    ) -> impl Iterator<Item = (Isometry2<f64>, &[Point2<f64>])> {
+        self.scans
+            .range(first..=last)
+            .filter_map(|(&k, points)| Some((*self.graph.poses().get(k as usize)?, points.as_slice())))
+    }
+
+    /// Forgets a hypothesis that closures did not confirm, and what was tested under it.
+    pub(super) fn drop_hypothesis(&mut self) {
+        self.alignment = Alignment::Unknown;
+        self.tested.clear();
+    }
+}
