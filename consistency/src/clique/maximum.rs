@@ -1,13 +1,18 @@
+use std::cmp::Reverse;
+
 use super::budget::{Budget, Meter};
+use super::dense;
 use super::fixed_point::FixedPoint;
 use super::greedy::extend;
-use super::ordering::core_first;
+use super::later::Later;
 use super::outcome::Outcome;
-use super::rows::{BitMatrix, MAX_WORDS, with_width};
-use super::{search, weighted_search};
+use super::rows::{BitMatrix, MAX_WORDS};
 use crate::graph::{Adjacency, Degeneracy, degeneracy};
 
 /// A largest clique, proved largest unless the budget ends first.
+///
+/// Vertices whose core number is too small go first; what is left is searched in bit rows, by colouring with
+/// infra-chromatic bounds, or through its complement if few edges are missing.
 ///
 /// # Panics
 /// If the set found is not a clique, which would be an error of this crate.
@@ -23,53 +28,52 @@ use crate::graph::{Adjacency, Degeneracy, degeneracy};
 pub fn maximum<A: Adjacency>(graph: &A, budget: &Budget) -> Outcome {
     let mut meter = Meter::new(budget);
     let cores = degeneracy(graph);
-    let mut best = extend(graph, cores.order.iter().rev().copied());
+    let start = extend(graph, cores.order.iter().rev().copied());
     let upper = cores.core.iter().max().map_or(0, |core| core + 1);
-    let improve = |vertices: &[usize], best: &mut Vec<usize>, meter: &mut Meter| {
-        let matrix = BitMatrix::induced(graph, vertices);
-        let order = core_first(&matrix);
-        let sorted = matrix.select(&order);
-        let lower = best.len();
-        if let Some(found) = with_width!(sorted.words, size_search(&sorted, lower, meter)) {
-            *best = found.into_iter().map(|v| vertices[order[v]]).collect();
-        }
-    };
-    let kept: Vec<usize> = (0..graph.len()).filter(|&v| cores.core[v] >= best.len()).collect();
-    if kept.len() <= 64 * MAX_WORDS {
-        improve(&kept, &mut best, &mut meter);
-    } else {
-        by_vertex(graph, &cores, &mut best, &mut meter);
+    let better = larger(graph, &cores, start.len(), upper, &mut meter);
+    finish(graph, better.unwrap_or(start), upper, &meter)
+}
+
+/// Largest graph searched as a whole.
+const DENSE_LIMIT: usize = 64 * MAX_WORDS;
+
+/// A clique of more than `lower` vertices: the largest, or one of at least `enough`; or `None`.
+fn larger<A: Adjacency>(
+    graph: &A,
+    cores: &Degeneracy,
+    lower: usize,
+    enough: usize,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
+    let kept: Vec<usize> = (0..graph.len()).filter(|&v| cores.core[v] >= lower).collect();
+    if kept.len() <= DENSE_LIMIT {
+        let found = dense::larger(&BitMatrix::induced(graph, &kept), lower, enough, meter)?;
+        return Some(found.into_iter().map(|v| kept[v]).collect());
     }
-    finish(graph, best, upper, &meter)
-}
-
-fn size_search<const W: usize>(matrix: &BitMatrix, lower: usize, meter: &mut Meter) -> Option<Vec<usize>> {
-    search::search::<W>(matrix, lower, meter)
-}
-
-/// Splits a graph too large for one search: each vertex with its later neighbours in the degeneracy order.
-fn by_vertex<A: Adjacency>(graph: &A, cores: &Degeneracy, best: &mut Vec<usize>, meter: &mut Meter) {
-    let mut place = vec![0; graph.len()];
-    cores.order.iter().enumerate().for_each(|(i, &v)| place[v] = i);
+    // Too large for one search: each vertex with those that come later in the degeneracy order.
+    let (mut best, mut known) = (None, lower);
+    let mut later = Later::new(graph, &cores.order);
     for &v in cores.order.iter().rev() {
-        if cores.core[v] < best.len() {
+        if known >= enough || !meter.look() {
+            break;
+        }
+        let around = later.of(v, |u| cores.core[u] >= known);
+        if cores.core[v] < known || around.len() < known.max(1) {
             continue;
         }
-        if !meter.look() {
-            return;
-        }
-        let later: Vec<usize> =
-            graph.neighbors(v).filter(|&u| place[u] > place[v] && cores.core[u] >= best.len()).collect();
-        if later.len() < best.len() {
-            continue;
-        }
-        let matrix = BitMatrix::induced(graph, &later);
-        let order = core_first(&matrix);
-        let sorted = matrix.select(&order);
-        if let Some(found) = with_width!(sorted.words, size_search(&sorted, best.len() - 1, meter)) {
-            *best = found.into_iter().map(|u| later[order[u]]).chain([v]).collect();
+        let rest = known.saturating_sub(1);
+        let found = if around.len() <= DENSE_LIMIT {
+            dense::larger(&later.matrix(&around), rest, enough - 1, meter)
+        } else {
+            let part = later.sparse(&around);
+            larger(&part, &degeneracy(&part), rest, enough - 1, meter)
+        };
+        if let Some(found) = found {
+            known = found.len() + 1;
+            best = Some(found.into_iter().map(|u| around[u]).chain([v]).collect());
         }
     }
+    best
 }
 
 fn finish<A: Adjacency>(graph: &A, mut best: Vec<usize>, upper: usize, meter: &Meter) -> Outcome {
@@ -90,28 +94,59 @@ fn finish<A: Adjacency>(graph: &A, mut best: Vec<usize>, upper: usize, meter: &M
 /// If the set found is not a clique, which would be an error of this crate.
 pub fn maximum_weight<A: Adjacency>(graph: &A, budget: &Budget) -> Outcome<f64> {
     let mut meter = Meter::new(budget);
-    let scale = FixedPoint::for_weights((0..graph.len()).map(|v| graph.weight(v)));
-    let vertices: Vec<usize> = (0..graph.len()).collect();
-    let matrix = BitMatrix::induced(graph, &vertices);
-    let mut order = core_first(&matrix);
-    order.sort_by(|&a, &b| graph.weight(b).total_cmp(&graph.weight(a)));
-    let sorted = matrix.select(&order);
-    let weights: Vec<u64> = order.iter().map(|&v| scale.to_integer(graph.weight(v))).collect();
-    let found =
-        with_width!(sorted.words, weight_search(&sorted, &weights, 0, &mut meter)).unwrap_or_default();
-    let mut best: Vec<usize> = found.into_iter().map(|v| order[v]).collect();
+    let n = graph.len();
+    let scale = FixedPoint::for_weights((0..n).map(|v| graph.weight(v)));
+    let weights: Vec<u64> = (0..n).map(|v| scale.to_integer(graph.weight(v))).collect();
+    let total = |vertices: &[usize]| vertices.iter().map(|&v| weights[v]).sum::<u64>();
+    let around = |v: usize| weights[v] + graph.neighbors(v).map(|u| weights[u]).sum::<u64>();
+
+    let mut by_weight: Vec<usize> = (0..n).collect();
+    by_weight.sort_by_key(|&v| Reverse(around(v)));
+    let start = extend(graph, by_weight.iter().copied());
+    let upper = (0..n).map(around).max().unwrap_or(0);
+    let better = heavier(graph, &weights, total(&start), &mut meter);
+    let mut best = better.unwrap_or(start);
     best.sort_unstable();
     assert!(graph.is_clique(&best), "the set found is not a clique");
     let value = graph.total_weight(&best);
-    let upper_bound = if meter.stopped { scale.to_weight(weights.iter().sum()) } else { value };
-    Outcome { value, upper_bound, optimal: !meter.stopped, vertices: best, nodes: meter.nodes }
+    let upper_bound = if meter.stopped { scale.to_weight(upper).max(value) } else { value };
+    Outcome { value, upper_bound, optimal: upper_bound == value, vertices: best, nodes: meter.nodes }
 }
 
-fn weight_search<const W: usize>(
-    matrix: &BitMatrix,
-    weights: &[u64],
-    lower: u64,
-    meter: &mut Meter,
-) -> Option<Vec<usize>> {
-    weighted_search::search::<W>(matrix, weights, lower, meter)
+/// The heaviest clique if heavier than `lower`.
+fn heavier<A: Adjacency>(graph: &A, weights: &[u64], lower: u64, meter: &mut Meter) -> Option<Vec<usize>> {
+    let pick = |vertices: &[usize]| vertices.iter().map(|&v| weights[v]).collect::<Vec<u64>>();
+    let around = |v: usize| weights[v] + graph.neighbors(v).map(|u| weights[u]).sum::<u64>();
+    let kept: Vec<usize> = (0..graph.len()).filter(|&v| around(v) > lower).collect();
+    if kept.len() <= DENSE_LIMIT {
+        let found = dense::heavier(&BitMatrix::induced(graph, &kept), &pick(&kept), lower, meter)?;
+        return Some(found.into_iter().map(|v| kept[v]).collect());
+    }
+    let order = degeneracy(graph).order;
+    let (mut best, mut known) = (None, lower);
+    let mut later = Later::new(graph, &order);
+    for &v in order.iter().rev() {
+        if !meter.look() {
+            break;
+        }
+        let around = later.of(v, |_| true);
+        let available = pick(&around);
+        if weights[v] + available.iter().sum::<u64>() <= known {
+            continue;
+        }
+        // Without this vertex the rest must be heavier than what is missing; nothing is missing if it alone is.
+        let rest = known.saturating_sub(weights[v]);
+        let found = if around.len() <= DENSE_LIMIT {
+            dense::heavier(&later.matrix(&around), &available, rest, meter)
+        } else {
+            heavier(&later.sparse(&around), &available, rest, meter)
+        };
+        let found = found.or_else(|| (weights[v] > known).then(Vec::new));
+        if let Some(found) = found {
+            let clique: Vec<usize> = found.into_iter().map(|u| around[u]).chain([v]).collect();
+            known = pick(&clique).iter().sum();
+            best = Some(clique);
+        }
+    }
+    best
 }

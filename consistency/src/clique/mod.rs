@@ -5,10 +5,15 @@
 //! [`greedy`].
 
 mod budget;
+mod complement_bound;
+mod complement_search;
+mod dense;
 mod fixed_point;
 mod greedy;
+mod incremental;
+mod later;
+mod local_search;
 mod maximum;
-mod ordering;
 mod outcome;
 mod rows;
 mod search;
@@ -17,5 +22,6 @@ mod weighted_search;
 pub use budget::Budget;
 pub(crate) use budget::Meter;
 pub use greedy::greedy;
+pub use incremental::Incremental;
 pub use maximum::{maximum, maximum_weight};
 pub use outcome::Outcome;

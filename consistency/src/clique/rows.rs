@@ -1,6 +1,6 @@
 //! Bit rows of a small graph whose width is known to the compiler.
 
-use crate::graph::bits;
+use crate::graph::{Adjacency, bits};
 
 /// A set of vertices as `W` words.
 pub(super) type Set<const W: usize> = [u64; W];
@@ -35,6 +35,21 @@ pub(super) fn and_not<const W: usize>(a: &Set<W>, b: &Set<W>) -> Set<W> {
 }
 
 #[inline(always)]
+pub(super) fn or<const W: usize>(a: &Set<W>, b: &Set<W>) -> Set<W> {
+    std::array::from_fn(|i| a[i] | b[i])
+}
+
+#[inline(always)]
+pub(super) fn count<const W: usize>(set: &Set<W>) -> u32 {
+    set.iter().map(|word| word.count_ones()).sum()
+}
+
+#[inline(always)]
+pub(super) fn has<const W: usize>(set: &Set<W>, v: usize) -> bool {
+    set[(v / 64) % W] >> (v % 64) & 1 == 1
+}
+
+#[inline(always)]
 pub(super) fn put<const W: usize>(set: &mut Set<W>, v: usize) {
     set[(v / 64) % W] |= 1 << (v % 64);
 }
@@ -58,27 +73,27 @@ impl BitMatrix {
         Self { n, words, rows: vec![0; n * words] }
     }
 
-    /// The graph that `graph` induces on `vertices`, in their order. `place` is scratch for `graph.len()` numbers.
-    pub(super) fn induced<A: crate::graph::Adjacency>(graph: &A, vertices: &[usize]) -> Self {
-        let mut place = vec![u32::MAX; graph.len()];
+    /// The graph that `graph` induces on `vertices`, in their order.
+    pub(super) fn induced<A: Adjacency>(graph: &A, vertices: &[usize]) -> Self {
+        Self::induced_with(graph, vertices, &mut vec![u32::MAX; graph.len()])
+    }
+
+    /// The same with scratch: `place` is `u32::MAX` for every vertex, before and after.
+    pub(super) fn induced_with<A: Adjacency>(graph: &A, vertices: &[usize], place: &mut [u32]) -> Self {
         vertices.iter().enumerate().for_each(|(i, &v)| place[v] = i as u32);
         let mut matrix = Self::new(vertices.len());
         for (i, &v) in vertices.iter().enumerate() {
-            let row = matrix.row_mut(i);
-            graph
-                .neighbors(v)
-                .filter(|&u| place[u] != u32::MAX)
-                .for_each(|u| bits::insert(row, place[u] as usize));
+            let row = &mut matrix.rows[i * matrix.words..(i + 1) * matrix.words];
+            for u in graph.neighbors(v).filter(|&u| place[u] != u32::MAX) {
+                bits::insert(row, place[u] as usize);
+            }
         }
+        vertices.iter().for_each(|&v| place[v] = u32::MAX);
         matrix
     }
 
     pub(super) fn row(&self, v: usize) -> &[u64] {
         &self.rows[v * self.words..(v + 1) * self.words]
-    }
-
-    fn row_mut(&mut self, v: usize) -> &mut [u64] {
-        &mut self.rows[v * self.words..(v + 1) * self.words]
     }
 
     /// Rows of `W >= words` words.
@@ -94,22 +109,11 @@ impl BitMatrix {
 
     /// The graph induced on `vertices`, in their order.
     pub(super) fn select(&self, vertices: &[usize]) -> Self {
-        let mut place = vec![u32::MAX; self.n];
-        vertices.iter().enumerate().for_each(|(i, &v)| place[v] = i as u32);
-        let mut part = Self::new(vertices.len());
-        for (i, &v) in vertices.iter().enumerate() {
-            let row = &mut part.rows[i * part.words..(i + 1) * part.words];
-            for u in bits::iter(self.row(v)) {
-                if place[u] != u32::MAX {
-                    bits::insert(row, place[u] as usize);
-                }
-            }
-        }
-        part
+        Self::induced(self, vertices)
     }
 }
 
-impl crate::graph::Adjacency for BitMatrix {
+impl Adjacency for BitMatrix {
     fn len(&self) -> usize {
         self.n
     }
@@ -151,6 +155,18 @@ macro_rules! with_width {
     };
 }
 pub(super) use with_width;
+
+/// The width that [`with_width`] takes for `words` words.
+pub(super) const fn width(words: usize) -> usize {
+    match words {
+        0 | 1 => 1,
+        2..=8 => words,
+        9..=12 => 12,
+        13..=16 => 16,
+        17..=32 => 32,
+        _ => MAX_WORDS,
+    }
+}
 
 /// Widest search; larger graphs are split by vertex first.
 pub(super) const MAX_WORDS: usize = 64;

@@ -3,10 +3,11 @@
 use super::budget::Meter;
 use super::rows::{BitMatrix, Set, and, and_not, drop, empty, first, is_empty, put};
 
-/// A clique of `matrix` with more than `lower` vertices, the largest there is, or `None`.
+/// A clique of `matrix` of more than `lower` vertices: the largest, or the first of at least `enough`; or `None`.
 pub(super) fn search<const W: usize>(
     matrix: &BitMatrix,
     lower: usize,
+    enough: usize,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
     let mut all = empty::<W>();
@@ -16,6 +17,7 @@ pub(super) fn search<const W: usize>(
         classes: vec![empty::<W>(); matrix.n + 1],
         used: vec![false; matrix.n + 1],
         best: lower,
+        enough,
         found: None,
         path: Vec::new(),
         meter,
@@ -30,6 +32,7 @@ struct Search<'a, const W: usize> {
     classes: Vec<Set<W>>,
     used: Vec<bool>,
     best: usize,
+    enough: usize,
     found: Option<Vec<usize>>,
     path: Vec<usize>,
     meter: &'a mut Meter,
@@ -37,7 +40,7 @@ struct Search<'a, const W: usize> {
 
 impl<const W: usize> Search<'_, W> {
     fn expand(&mut self, candidates: Set<W>) {
-        if !self.meter.tick() {
+        if self.best >= self.enough || !self.meter.tick() {
             return;
         }
         let mut branching = self.branching(candidates, self.best - self.path.len());

@@ -35,17 +35,27 @@ impl SparseGraph {
             arcs.push((a as u32, b as u32));
             arcs.push((b as u32, a as u32));
         }
+        Ok(Self::from_arcs(arcs, vec![1.0; vertices]))
+    }
+
+    /// From both directions of edges known to be sound.
+    fn from_arcs(mut arcs: Vec<(u32, u32)>, weights: Vec<f64>) -> Self {
         arcs.sort_unstable();
         arcs.dedup();
-        let mut starts = vec![0; vertices + 1];
+        let mut starts = vec![0; weights.len() + 1];
         for &(a, _) in &arcs {
             starts[a as usize + 1] += 1;
         }
-        for v in 0..vertices {
+        for v in 0..weights.len() {
             starts[v + 1] += starts[v];
         }
         let neighbors = arcs.into_iter().map(|(_, b)| b).collect();
-        Ok(Self { starts, neighbors, weights: vec![1.0; vertices] })
+        Self { starts, neighbors, weights }
+    }
+
+    /// A part of a graph: both directions of its edges, and its weights.
+    pub(crate) fn induced(arcs: impl Iterator<Item = (usize, usize)>, weights: Vec<f64>) -> Self {
+        Self::from_arcs(arcs.map(|(a, b)| (a as u32, b as u32)).collect(), weights)
     }
 
     /// Replaces all vertex weights.

@@ -48,3 +48,18 @@ pub(crate) fn brute_force_weight(graph: &Graph, weights: &[u64]) -> u64 {
     }
     suffix[0]
 }
+
+/// A file of the shared data, or `None` with a word on why the test is skipped.
+pub(crate) fn data(file: &str) -> Option<std::path::PathBuf> {
+    let root = std::env::var_os("DRACO_DATA").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
+        std::path::PathBuf::from,
+    );
+    let path = root.join(file);
+    if path.exists() {
+        return Some(path);
+    }
+    assert!(std::env::var_os("DRACO_REQUIRE_DATA").is_none(), "{} is missing", path.display());
+    println!("skipped: {} is missing; set DRACO_DATA", path.display());
+    None
+}
