@@ -64,6 +64,9 @@ pub enum Error {
     /// Registration failed.
     #[error(transparent)]
     Registration(#[from] draco_registration::Error),
+    /// Object matching failed.
+    #[error(transparent)]
+    Matching(#[from] draco_graphmatch::Error),
     /// A parameter outside its range.
     #[error("{name} = {value}: {reason}")]
     Parameter {

@@ -1,24 +1,15 @@
 //! Objects of a map: density clusters with their rectangles, and persistent cells.
+//!
+//! Start with [`extract`]; keep numbers steady over time with [`ObjectTracks`]. Whole clusters work where things
+//! stand apart, as pilings do; on a real quay their middles depend on how much of it was seen, so long ones are cut,
+//! and [`persistent_cells`] do without objects altogether.
+
 mod cells;
+mod extract;
+mod rectangle;
+mod tracks;
+
 pub use cells::{CellParams, persistent_cells};
-use nalgebra::Point2;
-/// TEMP
-#[derive(Debug, Clone, Default)]
-pub struct ObjectParams;
-/// TEMP
-#[allow(missing_docs)]
-pub struct Object {
-    pub id: u32,
-    pub centroid: Point2<f64>,
-    pub length: f64,
-    pub breadth: f64,
-    pub corners: [Point2<f64>; 4],
-}
-/// TEMP
-pub fn extract(
-    _k: &[crate::keyframe::Keyframe],
-    _p: &[nalgebra::Isometry2<f64>],
-    _o: &ObjectParams,
-) -> Result<Vec<Object>, crate::Error> {
-    Ok(vec![])
-}
+pub use extract::{Centroid, Object, ObjectParams, extract};
+pub use rectangle::{Rectangle, minimum_area_rectangle};
+pub use tracks::ObjectTracks;
