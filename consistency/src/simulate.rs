@@ -56,6 +56,8 @@ pub struct SimulatedTeam<G, const N: usize> {
     pub labels: Vec<Label>,
     /// The generated group of each closure.
     pub groups: Vec<usize>,
+    /// The motion that each group's registrations are off by, about the scene's centre, axes of the world.
+    pub biases: Vec<G>,
     /// Prior place of each neighbour's map in robot 0's.
     pub priors: Vec<MapTransform<G, N>>,
     /// True place of each robot's map in robot 0's.
@@ -181,6 +183,7 @@ pub fn harbor<const N: usize, G: Pose<N>>(
         closures: Vec::new(),
         labels: Vec::new(),
         groups: Vec::new(),
+        biases: Vec::new(),
         priors: Vec::new(),
         reference_from_robot: paths.iter().map(|p| paths[0].world[0].between(&p.world[0])).collect(),
     };
@@ -318,7 +321,7 @@ impl Group {
         rng: &mut impl Rng,
     ) {
         let (a, b) = (&paths[self.first as usize], &paths[self.second as usize]);
-        let id = team.groups.last().map_or(0, |last| last + 1);
+        let id = team.biases.len();
         let other = nearest_window(&a.world, self.window, &b.world);
         let scene = a.world[self.window + WINDOW / 2].position();
         let (size, biased) = self.fixed.unwrap_or_else(|| {
@@ -335,6 +338,7 @@ impl Group {
             Bias::FollowsPrior if biased => motion,
             _ => centre.compose(&motion).compose(&centre.inverse()),
         };
+        team.biases.push(motion);
         let told = isotropic_covariance::<N, G>(params.noise.0, params.noise.1);
         for pair in distinct(WINDOW * WINDOW, size, rng) {
             let (k, i) = (self.window + pair / WINDOW, other + pair % WINDOW);

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use draco_lie::chi2;
 
-use super::grouping::{Station, groups};
+use super::grouping::{Station, gap, groups};
 use super::params::GcmParams;
 use crate::clique::{self, Budget};
 use crate::graph::Graph;
@@ -34,24 +34,68 @@ pub(crate) fn clusters<const N: usize, G: Pose<N>>(
         pairs.entry((closure.source.robot, closure.target.robot)).or_default().push(index);
     }
     let mut all = Vec::new();
-    let mut distances = Vec::new();
     for (robots, members) in &pairs {
         for group in groups(members, stations, params) {
             let pairwise = Pairwise::new(trajectories, closures, &group)?;
-            distances.extend(pairwise.upper().filter(|d| d.is_finite()));
             all.push((*robots, group, pairwise));
         }
     }
-    let scale = noise_scale::<N>(&mut distances)?;
-    let limit = gate::<N>(params.probability)? * scale;
+    let (scale, splits) = normalized::<N, G>(&all, stations, params)?;
     let mut found = Vec::new();
-    for (robots, group, pairwise) in &all {
-        for (rank, local) in split(pairwise, limit)?.into_iter().enumerate() {
+    for ((robots, group, _), split) in all.iter().zip(splits) {
+        for (rank, local) in split.into_iter().enumerate() {
             let members = local.iter().map(|&m| group[m]).collect();
             found.push(Cluster { robots: *robots, group: group[0], members, is_main: rank == 0 });
         }
     }
     Ok((found, scale))
+}
+
+type Group = ((u32, u32), Vec<usize>, Pairwise);
+type Split = Vec<Vec<usize>>;
+
+/// The factor by which the noise was understated, within [1, 9], and each group split at the gate it gives.
+///
+/// A cluster's inner scatter is free of its bias, so the median χ² of its close pairs over its expectation tells how
+/// far the covariances understate the noise. Groups that hold truth and slips side by side inflate the median, so
+/// it starts from all close pairs and comes down: split, measure inside the clusters, split again.
+fn normalized<const N: usize, G: Pose<N>>(
+    all: &[Group],
+    stations: &[Station],
+    params: &GcmParams,
+) -> Result<(f64, Vec<Split>), Error> {
+    const FEWEST_PAIRS: usize = 10;
+    const ROUNDS: usize = 8;
+    const SETTLED: f64 = 0.98;
+    let gate = gate::<N>(params.probability)?;
+    let expected = chi2::quantile(0.5, N).map_err(|_| Error::Probability { value: 0.5 })?;
+    // neighbours in place and time share their bias, members at the two ends of a long group need not
+    let close = |a: usize, b: usize| gap(&stations[a], &stations[b]) <= 0.5 * params.gap;
+    let mut scale = 9.0f64;
+    let mut splits: Vec<Split> = all.iter().map(|(_, group, _)| vec![(0..group.len()).collect()]).collect();
+    for _ in 0..ROUNDS {
+        let mut distances = Vec::new();
+        for ((_, group, pairwise), split) in all.iter().zip(&splits) {
+            for members in split {
+                for (at, &m) in members.iter().enumerate() {
+                    let others = members[at + 1..].iter().filter(|&&n| close(group[m], group[n]));
+                    distances.extend(others.map(|&n| pairwise.get(m, n)).filter(|d| d.is_finite()));
+                }
+            }
+        }
+        let last = scale;
+        scale = if distances.len() < FEWEST_PAIRS {
+            1.0
+        } else {
+            (lower_median(&mut distances) / expected).clamp(1.0, scale)
+        };
+        splits =
+            all.iter().map(|(_, _, pairwise)| split(pairwise, gate * scale)).collect::<Result<_, _>>()?;
+        if scale > SETTLED * last || scale == 1.0 {
+            break;
+        }
+    }
+    Ok((scale, splits))
 }
 
 /// χ² of all pairs of one group.
@@ -83,21 +127,6 @@ impl Pairwise {
     fn get(&self, m: usize, other: usize) -> f64 {
         self.chi2[m * self.n + other]
     }
-
-    fn upper(&self) -> impl Iterator<Item = f64> + '_ {
-        (0..self.n).flat_map(move |m| (m + 1..self.n).map(move |other| self.get(m, other)))
-    }
-}
-
-/// Median χ² over its expectation, within [1, 9]: a group's inner scatter is free of its bias, so it tells how far
-/// the covariances understate the noise.
-fn noise_scale<const N: usize>(distances: &mut [f64]) -> Result<f64, Error> {
-    const FEWEST_PAIRS: usize = 10;
-    if distances.len() < FEWEST_PAIRS {
-        return Ok(1.0);
-    }
-    let median = chi2::quantile(0.5, N).map_err(|_| Error::Probability { value: 0.5 })?;
-    Ok((lower_median(distances) / median).clamp(1.0, 9.0))
 }
 
 fn lower_median(values: &mut [f64]) -> f64 {
