@@ -14,6 +14,7 @@ pub use error::Error;
 // Pose-aware layer: turns measurements into graphs and votes.
 mod closure;
 pub mod gcm;
+pub mod gkcm;
 mod pair_test;
 mod pcm;
 mod pose;
@@ -23,6 +24,7 @@ mod trajectory;
 
 pub use closure::{Closure, Closure2, Closure3, PoseKey};
 pub use gcm::{Gcm, GcmParams, GroupParams, PooledParams, Verdict, gcm, gcm_group, gcm_pooled};
+pub use gkcm::{CycleParams, KConsistency, Range, RangeParams, cycle_consistency, range_consistency};
 pub use pair_test::PairTest;
 pub use pcm::{PcmParams, pcm};
 pub use pose::{Pose, isotropic_covariance};

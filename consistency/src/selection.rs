@@ -63,6 +63,11 @@ pub enum Reason {
         /// Least size accepted.
         minimum: usize,
     },
+    /// Not all sets with it and members of the largest set pass.
+    OutsideLargestSet {
+        /// Size of the largest set.
+        size: usize,
+    },
     /// The method looks at the closures of one robot only, and this is not one of them.
     NotOfReference {
         /// That robot.
@@ -137,6 +142,7 @@ impl fmt::Display for Reason {
             Self::TooFewVotes { size, minimum } => {
                 write!(f, "too few votes: {size} agree, {minimum} are needed")
             }
+            Self::OutsideLargestSet { size } => write!(f, "outside the largest consistent set of {size}"),
             Self::NotOfReference { reference } => write!(f, "not a closure of robot {reference}"),
             Self::NoMapTransform { robot } => write!(f, "the map of robot {robot} has no prior place"),
             Self::GroupCost { cost, limit } => write!(f, "group cost {cost:.2} > {limit:.2}"),

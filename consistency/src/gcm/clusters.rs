@@ -40,7 +40,7 @@ pub(crate) fn clusters<const N: usize, G: Pose<N>>(
             all.push((*robots, group, pairwise));
         }
     }
-    let (scale, splits) = normalized::<N, G>(&all, stations, params)?;
+    let (scale, splits) = normalized::<N>(&all, stations, params)?;
     let mut found = Vec::new();
     for ((robots, group, _), split) in all.iter().zip(splits) {
         for (rank, local) in split.into_iter().enumerate() {
@@ -59,7 +59,7 @@ type Split = Vec<Vec<usize>>;
 /// A cluster's inner scatter is free of its bias, so the median χ² of its close pairs over its expectation tells how
 /// far the covariances understate the noise. Groups that hold truth and slips side by side inflate the median, so
 /// it starts from all close pairs and comes down: split, measure inside the clusters, split again.
-fn normalized<const N: usize, G: Pose<N>>(
+fn normalized<const N: usize>(
     all: &[Group],
     stations: &[Station],
     params: &GcmParams,

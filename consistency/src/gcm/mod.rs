@@ -13,6 +13,7 @@ mod posterior;
 mod verdict;
 mod votes;
 
+pub(crate) use frames::{Frames, implied};
 pub use group_cost::{Aggregate, GroupParams, Objective, gcm_group};
 pub use one_vote::one_vote;
 pub use params::{GapUnit, GcmParams, Sigma};
