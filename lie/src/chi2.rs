@@ -2,9 +2,12 @@
 //!
 //! Start with [`gate`]; take [`quantile`] once and compare yourself in a hot loop.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::{ChiSquared, Continuous, ContinuousCDF};
 
 use crate::Error;
+
+/// Newton steps after the library's inverse, which stops at an absolute 1e-9; they converge quadratically.
+const POLISH_STEPS: usize = 5;
 
 /// Quantile of the chi-square distribution: the value below which a share `probability` of draws with
 /// `degrees_of_freedom` lies.
@@ -12,12 +15,14 @@ use crate::Error;
 /// * `probability` – in (0, 1); 0.99 believes 99 % of what is true.
 /// * `degrees_of_freedom` – length of the residual: 3 in SE(2), 6 in SE(3).
 ///
+/// Good to 1e-13 of its value from 1e-9 to 1 - 1e-12.
+///
 /// # Errors
 /// [`Error::Probability`] unless 0 < `probability` < 1, [`Error::DegreesOfFreedom`] when it is zero.
 ///
 /// ```
 /// let limit = draco_lie::chi2::quantile(0.99, 3)?;
-/// assert!((limit - 11.344_866_730_144_37).abs() < 1e-9);
+/// assert!((limit - 11.344_866_730_144_37).abs() < 1e-13);
 /// # Ok::<(), draco_lie::Error>(())
 /// ```
 pub fn quantile(probability: f64, degrees_of_freedom: usize) -> Result<f64, Error> {
@@ -25,7 +30,24 @@ pub fn quantile(probability: f64, degrees_of_freedom: usize) -> Result<f64, Erro
         return Err(Error::Probability { value: probability });
     }
     let distribution = ChiSquared::new(degrees_of_freedom as f64).map_err(|_| Error::DegreesOfFreedom)?;
-    Ok(distribution.inverse_cdf(probability))
+    let mut limit = distribution.inverse_cdf(probability);
+    for _ in 0..POLISH_STEPS {
+        // Newton on the logarithm of the smaller tail, nearly linear in ln x (lower) or x (upper); near 1 the
+        // distribution function itself has no digits left to tell
+        let density = distribution.pdf(limit);
+        let next = if probability < 0.5 {
+            let below = distribution.cdf(limit);
+            limit * ((probability / below).ln() * below / (limit * density)).exp()
+        } else {
+            let above = distribution.sf(limit);
+            limit + (above / (1.0 - probability)).ln() * above / density
+        };
+        if !(next > 0.0 && next.is_finite()) {
+            break;
+        }
+        limit = next;
+    }
+    Ok(limit)
 }
 
 /// Whether a squared Mahalanobis distance is one that a true pair shows with the given probability:

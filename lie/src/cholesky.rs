@@ -38,3 +38,25 @@ pub(crate) fn whiten<const N: usize>(l: &SMatrix<f64, N, N>, x: &SVector<f64, N>
     }
     y
 }
+
+/// `L⁻¹ m`, column by column.
+pub(crate) fn whiten_columns<const N: usize>(
+    l: &SMatrix<f64, N, N>,
+    m: &SMatrix<f64, N, N>,
+) -> SMatrix<f64, N, N> {
+    let mut whitened = *m;
+    for mut column in whitened.column_iter_mut() {
+        let solved = whiten(l, &column.clone_owned());
+        column.copy_from(&solved);
+    }
+    whitened
+}
+
+/// The inverse of a positive definite matrix, exactly symmetric: `L⁻ᵀ L⁻¹`.
+pub(crate) fn invert<const N: usize>(
+    m: &SMatrix<f64, N, N>,
+    what: &'static str,
+) -> Result<SMatrix<f64, N, N>, Error> {
+    let root = whiten_columns(&factor(m, what)?, &SMatrix::identity());
+    Ok(symmetrize(&(root.transpose() * root)))
+}

@@ -3,7 +3,7 @@ use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
 use crate::check::check_symmetric;
-use crate::cholesky::{factor, symmetrize, whiten};
+use crate::cholesky::{factor, invert, symmetrize, whiten, whiten_columns};
 use crate::{Error, LieGroup};
 
 /// A pose with Gaussian noise: `T = mean · exp(ξ)` with `ξ ~ N(0, covariance)`.
@@ -45,6 +45,18 @@ impl<const N: usize, G: LieGroup<N>> GaussianPose<G, N> {
         Ok(Self { mean, covariance: symmetrize(&covariance) })
     }
 
+    /// A pose with mean and information matrix, the inverse of the covariance.
+    ///
+    /// * `information` – symmetric positive definite, order and frame as the covariance of
+    ///   [`GaussianPose::new`], 1/m² and 1/rad².
+    ///
+    /// # Errors
+    /// As [`GaussianPose::new`].
+    pub fn from_information(mean: G, information: &SMatrix<f64, N, N>) -> Result<Self, Error> {
+        check_symmetric(information, "the information matrix")?;
+        Self::new(mean, invert(information, "the information matrix")?)
+    }
+
     /// A pose with independent noise of the given standard deviations (metres, then radians).
     ///
     /// # Errors
@@ -70,6 +82,14 @@ impl<const N: usize, G: LieGroup<N>> GaussianPose<G, N> {
     /// The covariance, order translation then rotation, in the body frame of the mean.
     pub fn covariance(&self) -> &SMatrix<f64, N, N> {
         &self.covariance
+    }
+
+    /// The information matrix, the inverse of the covariance.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] for a covariance that cannot be inverted.
+    pub fn information(&self) -> Result<SMatrix<f64, N, N>, Error> {
+        invert(&self.covariance, "the covariance")
     }
 
     /// Mean and covariance of `self · other`, to first order, for independent noises.
@@ -116,9 +136,7 @@ impl<const N: usize, G: LieGroup<N>> GaussianPose<G, N> {
         let outer = left.iter().fold(zero, |sum, ad| sum + ad * other.covariance * ad.transpose());
         let change = (mixed + mixed.transpose()) / 12.0 + outer / 4.0;
         let l = factor(&first.covariance, "the first-order covariance")?;
-        let half = SMatrix::<f64, N, N>::from_columns(
-            &change.column_iter().map(|c| whiten(&l, &c.into())).collect::<Vec<_>>(),
-        );
+        let half = whiten_columns(&l, &change);
         let correction = (0..N).map(|k| whiten(&l, &half.row(k).transpose())[k]).sum::<f64>() / N as f64;
         let covariance = symmetrize(&(first.covariance + change));
         Ok(SecondOrder { pose: Self { mean: first.mean, covariance }, correction })

@@ -42,6 +42,18 @@ fn inverse_twice_is_the_same() {
 }
 
 #[test]
+fn information_is_the_inverse_of_the_covariance() {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let m = covariance(&mut rng, Vector6::new(0.1, 0.2, 0.3, 0.01, 0.02, 0.03));
+    let a = GaussianPose3::new(Isometry3::identity(), m).unwrap();
+    let back = GaussianPose3::from_information(*a.mean(), &a.information().unwrap()).unwrap();
+    assert!((back.covariance() - m).amax() < 1e-15);
+    let exact = GaussianPose3::exact(*a.mean()).unwrap();
+    assert!(matches!(exact.information(), Err(Error::NotPositiveDefinite { pivot: 0, .. })));
+    assert_eq!(exact.sample(&mut rng).unwrap(), *exact.mean());
+}
+
+#[test]
 fn bad_input_is_named() {
     let mean = Isometry2::identity();
     let mut m = Matrix3::identity();
