@@ -20,6 +20,13 @@ pub struct AlignmentParams {
     /// Largest score of the second best fit over that of the best. Default 0.90, from the real recording, where
     /// right alignments have 0.69 to 0.88 and wrong ones 0.93 and 1.
     pub max_ratio: f64,
+    /// Attempts in a row, each with larger maps, that have to fit in the same clear way before it is a hypothesis, and
+    /// to fit elsewhere before a hypothesis is withdrawn. Default 3: a false fit rarely survives the growth of a map.
+    pub min_streak: usize,
+    /// Largest distance, at the middle of the partner's map, of two fits that are the same. Default 6 m, three cells.
+    pub same_distance: f64,
+    /// Largest difference in heading of two fits that are the same. Default 10°.
+    pub same_angle: f64,
     /// Registrations under an alignment before it is judged. Default 10.
     pub min_tested: usize,
     /// Least share of them that has to pass its gate. Default 0.3: right alignments have 0.43 to 0.68, wrong ones at
@@ -33,6 +40,9 @@ impl Default for AlignmentParams {
             search: MapAlignmentParams::default(),
             min_cells: 40,
             max_ratio: 0.90,
+            min_streak: 3,
+            same_distance: 6.0,
+            same_angle: 10f64.to_radians(),
             min_tested: 10,
             min_share: 0.3,
         }
@@ -40,6 +50,13 @@ impl Default for AlignmentParams {
 }
 
 impl AlignmentParams {
+    /// Whether two fits are the same one, told at the point `middle` of the partner's map.
+    pub fn agree(&self, a: &MapMode, b: &MapMode, middle: &Point2<f64>) -> bool {
+        let (a, b) = (a.target_from_source, b.target_from_source);
+        (a * middle - b * middle).norm() <= self.same_distance
+            && a.rotation.angle_to(&b.rotation).abs() <= self.same_angle
+    }
+
     /// Whether registrations under an alignment confirm it (`Some(true)`) or refute it; `None` while there are too few.
     pub fn judge(&self, passed: usize, tested: usize) -> Option<bool> {
         (tested >= self.min_tested).then(|| passed as f64 >= self.min_share * tested as f64)
@@ -68,7 +85,7 @@ pub fn align(own: &CellMap, partner: &CellMap, params: &AlignmentParams) -> Resu
     if own.cells.len().min(partner.cells.len()) < params.min_cells {
         return Ok(Verdict::None);
     }
-    let modes = align_maps(&centres(own), &centres(partner), &params.search)?;
+    let modes = align_maps(&own.centres(), &partner.centres(), &params.search)?;
     Ok(match modes.as_slice() {
         [] => Verdict::None,
         [only] => Verdict::Clear(*only),
@@ -77,9 +94,4 @@ pub fn align(own: &CellMap, partner: &CellMap, params: &AlignmentParams) -> Resu
             if ratio <= params.max_ratio { Verdict::Clear(*best) } else { Verdict::Ambiguous { ratio } }
         }
     })
-}
-
-fn centres(map: &CellMap) -> Vec<Point2<f64>> {
-    let centre = |[i, j]: &[i32; 2]| Point2::new(f64::from(*i) + 0.5, f64::from(*j) + 0.5) * map.size;
-    map.cells.iter().map(centre).collect()
 }

@@ -15,7 +15,7 @@ mod quantise;
 pub use frame::{BROADCAST, Frame, VERSION, WireError};
 pub use quantise::Resolution;
 
-use nalgebra::{Isometry2, Matrix3, Point2};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 
 use crate::keyframe::RobotId;
 
@@ -50,6 +50,20 @@ pub struct CellMap {
     pub keyframes: u32,
     /// Column and row of each occupied cell, ascending; cell `(i, j)` covers `[i, i + 1) x [j, j + 1)` times `size`.
     pub cells: Vec<[i32; 2]>,
+}
+
+impl CellMap {
+    /// Centres of the cells in the map's frame, metres.
+    pub fn centres(&self) -> Vec<Point2<f64>> {
+        let centre = |[i, j]: &[i32; 2]| Point2::new(f64::from(*i) + 0.5, f64::from(*j) + 0.5) * self.size;
+        self.cells.iter().map(centre).collect()
+    }
+
+    /// Mean of the cells' centres, the origin when there are none.
+    pub fn middle(&self) -> Point2<f64> {
+        let sum: Vector2<f64> = self.centres().iter().map(|c| c.coords).sum();
+        Point2::from(sum / self.cells.len().max(1) as f64)
+    }
 }
 
 /// A relative-pose measurement inside the sender's own pose graph.

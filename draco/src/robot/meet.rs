@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use draco_consistency::{Closure2, MapTransform, PoseKey, Trajectories2};
 use draco_registration::correlative::MapMode;
-use nalgebra::Isometry2;
+use nalgebra::{Isometry2, Point2};
 
 use super::partner::{Alignment, Partner};
 use super::{AlignmentEvent, Proposal, Robot};
@@ -43,29 +43,64 @@ impl Robot {
         Ok(())
     }
 
-    /// Looks for the one clear way in which both maps fit, when either has grown since the last attempt.
+    /// Looks for the one clear way in which both maps fit, whenever either has grown: before there is a hypothesis,
+    /// to find one that lasts, and after, because small maps can fit clearly and wrongly.
     fn align(&mut self, id: RobotId, partner: &mut Partner, now: f64) -> Result<(), Error> {
-        let (Alignment::Unknown, Some(theirs)) = (&partner.alignment, &partner.cells) else { return Ok(()) };
+        let Some(theirs) = &partner.cells else { return Ok(()) };
         let grown = self.local.poses().len() >= partner.last_attempt.0 + self.params.exchange.map_interval
             || theirs.keyframes > partner.last_attempt.1;
         if !grown {
             return Ok(());
         }
         partner.last_attempt = (self.local.poses().len(), theirs.keyframes);
+        let middle = theirs.middle();
         match alignment::align(&self.cell_map(), theirs, &self.params.alignment)? {
-            Verdict::Clear(mode) => {
-                self.tell(id, now, format!("maps fit, score {:.2}; closures have to confirm it", mode.score));
-                partner.alignment = Alignment::Tentative(mode);
-            }
+            Verdict::Clear(mode) => self.weigh(id, partner, mode, &middle, now),
             Verdict::Ambiguous { ratio } => {
                 self.tell(id, now, format!("ambiguous: second best fit at {ratio:.2} of the best"));
+                if let Alignment::Candidate { .. } = partner.alignment {
+                    partner.alignment = Alignment::Unknown;
+                }
             }
             Verdict::None => {}
         }
         Ok(())
     }
 
+    /// What one clear fit does to the alignment held.
+    fn weigh(&mut self, id: RobotId, partner: &mut Partner, mode: MapMode, middle: &Point2<f64>, now: f64) {
+        let params = &self.params.alignment;
+        let agrees = |held: &MapMode| params.agree(held, &mode, middle);
+        match &mut partner.alignment {
+            Alignment::Candidate { mode: held, streak } if agrees(held) => {
+                *held = mode;
+                *streak += 1;
+                if *streak >= params.min_streak {
+                    partner.alignment = Alignment::Tentative(mode);
+                    self.tell(id, now, format!("maps fit, score {:.2}; closures have to confirm it", mode.score));
+                }
+            }
+            Alignment::Unknown | Alignment::Candidate { .. } => {
+                partner.alignment = Alignment::Candidate { mode, streak: 1 };
+            }
+            Alignment::Tentative(held) | Alignment::Accepted(held) if agrees(held) => {
+                *held = mode;
+                partner.contradictions = 0;
+            }
+            Alignment::Tentative(_) | Alignment::Accepted(_) => {
+                partner.contradictions += 1;
+                if partner.contradictions >= params.min_streak {
+                    self.tell(id, now, "withdrawn: the grown maps fit elsewhere".into());
+                    self.proposals.retain(|(source, _), _| source.robot != id);
+                    partner.drop_hypothesis();
+                    partner.alignment = Alignment::Candidate { mode, streak: 1 };
+                }
+            }
+        }
+    }
+
     fn tell(&mut self, partner: RobotId, time: f64, verdict: String) {
+        eprintln!("TELL {} {} {time:.0} {verdict}", self.id, partner);
         self.events.push(AlignmentEvent { partner, time, verdict });
     }
 
@@ -133,7 +168,7 @@ impl Robot {
         (own_index + partner_index).is_multiple_of(2) == (self.id < partner)
     }
 
-    fn own_submap(&self, keyframe: u32) -> Vec<nalgebra::Point2<f64>> {
+    fn own_submap(&self, keyframe: u32) -> Vec<Point2<f64>> {
         let range = self.params.closure.target_range(keyframe, self.local.poses().len() as u32);
         let scans = range
             .map(|k| (self.local.poses()[k as usize], self.local.keyframes()[k as usize].points.as_slice()));
@@ -240,7 +275,7 @@ impl Robot {
         };
         let priors = self.partners.iter().filter_map(|(&id, p)| match &p.alignment {
             Alignment::Accepted(mode) => Some(transform(id, mode)),
-            Alignment::Unknown | Alignment::Tentative(_) => None,
+            Alignment::Unknown | Alignment::Candidate { .. } | Alignment::Tentative(_) => None,
         });
         Ok(Evidence {
             reference: self.id,

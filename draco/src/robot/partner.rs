@@ -14,6 +14,13 @@ pub(super) enum Alignment {
     /// Nobody knows yet.
     #[default]
     Unknown,
+    /// The maps fitted in this one clear way at the last attempts.
+    Candidate {
+        /// The latest of them.
+        mode: MapMode,
+        /// Attempts in a row that agreed.
+        streak: usize,
+    },
     /// The maps fit in one clear way; closures have to confirm it before it is believed.
     Tentative(MapMode),
     /// Confirmed.
@@ -39,6 +46,8 @@ pub(super) struct Partner {
     pub(super) alignment: Alignment,
     /// Keyframes of both maps at the last attempt to align them.
     pub(super) last_attempt: (usize, u32),
+    /// Attempts in a row that contradicted the alignment held.
+    pub(super) contradictions: usize,
     /// Keyframe pairs already registered (own, partner's), and whether the result passed its gate; `None` where there
     /// were too few points to try.
     pub(super) tested: BTreeMap<(u32, u32), Option<bool>>,
@@ -48,7 +57,7 @@ impl Partner {
     /// The alignment under which closures may be looked for.
     pub(super) fn hypothesis(&self) -> Option<&MapMode> {
         match &self.alignment {
-            Alignment::Unknown => None,
+            Alignment::Unknown | Alignment::Candidate { .. } => None,
             Alignment::Tentative(mode) | Alignment::Accepted(mode) => Some(mode),
         }
     }
@@ -67,6 +76,7 @@ impl Partner {
     /// Forgets a hypothesis that closures did not confirm, and what was tested under it.
     pub(super) fn drop_hypothesis(&mut self) {
         self.alignment = Alignment::Unknown;
+        self.contradictions = 0;
         self.tested.clear();
     }
 }
