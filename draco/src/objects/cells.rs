@@ -42,6 +42,41 @@ pub fn persistent_cells(keyframes: &[Keyframe], poses: &[Isometry2<f64>], params
     CellMap { size: params.size, keyframes: poses.len() as u32, cells: cells.collect() }
 }
 
+/// The cells of a map that several keyframes looked through: rays to their points cross them, and nothing was ever
+/// seen in them or next to them.
+///
+/// * `poses` – pose of each keyframe in the map.
+///
+/// Cost: `O(n r / size)` for `n` points at range `r`.
+pub fn free_cells(
+    keyframes: &[Keyframe],
+    poses: &[Isometry2<f64>],
+    params: &CellParams,
+) -> BTreeSet<[i32; 2]> {
+    let cell = |p: &Point2<f64>| [(p.x / params.size).floor() as i32, (p.y / params.size).floor() as i32];
+    let mut seen_through: BTreeMap<[i32; 2], usize> = BTreeMap::new();
+    let mut occupied: BTreeSet<[i32; 2]> = BTreeSet::new();
+    for (keyframe, pose) in keyframes.iter().zip(poses) {
+        let origin = pose * Point2::origin();
+        let mut crossed: BTreeSet<[i32; 2]> = BTreeSet::new();
+        for point in &keyframe.points {
+            let end = pose * point;
+            occupied.insert(cell(&end));
+            let ray = end - origin;
+            // half a cell a step finds every cell but corners cut
+            let steps = (ray.norm() / (0.5 * params.size)).floor() as usize;
+            crossed.extend((0..steps).map(|i| cell(&(origin + ray * (i as f64 / steps as f64)))));
+        }
+        for cell in crossed {
+            *seen_through.entry(cell).or_default() += 1;
+        }
+    }
+    let near_occupied =
+        |[i, j]: [i32; 2]| (i - 1..=i + 1).any(|i| (j - 1..=j + 1).any(|j| occupied.contains(&[i, j])));
+    let free = seen_through.into_iter().filter(|(_, count)| *count >= params.min_keyframes);
+    free.map(|(cell, _)| cell).filter(|cell| !near_occupied(*cell)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector2;

@@ -9,7 +9,7 @@ mod extract;
 mod rectangle;
 mod tracks;
 
-pub use cells::{CellParams, persistent_cells};
+pub use cells::{CellParams, free_cells, persistent_cells};
 pub use extract::{Centroid, Object, ObjectParams, extract};
 pub use rectangle::{Rectangle, minimum_area_rectangle};
 pub use tracks::ObjectTracks;

@@ -8,7 +8,7 @@ use nalgebra::{Isometry2, Point2};
 
 use super::partner::{Alignment, Partner};
 use super::{AlignmentEvent, Proposal, Robot};
-use crate::alignment::{self, Verdict};
+use crate::alignment::{self, Opinion, OwnMap, Verdict, consensus};
 use crate::closure;
 use crate::consistency::{self, Evidence, Judgement};
 use crate::error::Error;
@@ -24,6 +24,11 @@ impl Robot {
     /// The persistent cells of the own map.
     pub(super) fn cell_map(&self) -> CellMap {
         objects::persistent_cells(self.local.keyframes(), self.local.poses(), &self.params.cells)
+    }
+
+    fn own_map(&self) -> OwnMap {
+        let free = objects::free_cells(self.local.keyframes(), self.local.poses(), &self.params.cells);
+        OwnMap { cells: self.cell_map(), free }
     }
 
     /// The objects of the own map.
@@ -54,7 +59,7 @@ impl Robot {
         }
         partner.last_attempt = (self.local.poses().len(), theirs.keyframes);
         let middle = theirs.middle();
-        match alignment::align(&self.cell_map(), theirs, &self.params.alignment)? {
+        match alignment::align(&self.own_map(), theirs, &self.params.alignment)? {
             Verdict::Clear(mode) => self.weigh(id, partner, mode, &middle, now),
             Verdict::Ambiguous { ratio } => {
                 self.tell(id, now, format!("ambiguous: second best fit at {ratio:.2} of the best"));
@@ -70,14 +75,18 @@ impl Robot {
     /// What one clear fit does to the alignment held.
     fn weigh(&mut self, id: RobotId, partner: &mut Partner, mode: MapMode, middle: &Point2<f64>, now: f64) {
         let params = &self.params.alignment;
-        let agrees = |held: &MapMode| params.agree(held, &mode, middle);
+        let agrees = |held: &MapMode| params.same(&held.target_from_source, &mode.target_from_source, middle);
         match &mut partner.alignment {
             Alignment::Candidate { mode: held, streak } if agrees(held) => {
                 *held = mode;
                 *streak += 1;
                 if *streak >= params.min_streak {
                     partner.alignment = Alignment::Tentative(mode);
-                    self.tell(id, now, format!("maps fit, score {:.2}; closures have to confirm it", mode.score));
+                    self.tell(
+                        id,
+                        now,
+                        format!("maps fit, score {:.2}; closures have to confirm it", mode.score),
+                    );
                 }
             }
             Alignment::Unknown | Alignment::Candidate { .. } => {
@@ -100,7 +109,6 @@ impl Robot {
     }
 
     fn tell(&mut self, partner: RobotId, time: f64, verdict: String) {
-        eprintln!("TELL {} {} {time:.0} {verdict}", self.id, partner);
         self.events.push(AlignmentEvent { partner, time, verdict });
     }
 
@@ -222,17 +230,63 @@ impl Robot {
     /// once, ascending in source and target.
     fn entries(&self) -> Vec<ClosureEntry> {
         let mut entries: BTreeMap<(KeyframeId, KeyframeId), &ClosureEntry> = BTreeMap::new();
-        let own = self
-            .proposals
-            .values()
-            .map(|proposal| &proposal.entry)
-            .filter(|e| self.is_aligned(e.source.robot));
-        let theirs = self.partners.values().flat_map(|partner| partner.closures.values());
-        for entry in own.chain(theirs.filter(|e| self.knows(e.source) && self.knows(e.target))) {
+        for entry in self.agreed_closures() {
             let pair = (entry.source.min(entry.target), entry.source.max(entry.target));
             entries.entry(pair).or_insert(entry);
         }
         entries.into_values().cloned().collect()
+    }
+
+    /// Own proposals and partners' closures whose robot pairs lie as most of the team believes.
+    fn agreed_closures(&self) -> Vec<&ClosureEntry> {
+        let own = self.proposals.values().map(|p| &p.entry).filter(|e| self.is_aligned(e.source.robot));
+        let mut by_opinion: BTreeMap<(RobotId, RobotId, RobotId), Vec<&ClosureEntry>> = BTreeMap::new();
+        for entry in own {
+            by_opinion.entry((self.id, entry.target.robot, entry.source.robot)).or_default().push(entry);
+        }
+        for (&holder, partner) in &self.partners {
+            for entry in partner.closures.values().filter(|e| self.knows(e.source) && self.knows(e.target)) {
+                by_opinion.entry((holder, entry.target.robot, entry.source.robot)).or_default().push(entry);
+            }
+        }
+        let opinions: Vec<Opinion> = by_opinion
+            .iter()
+            .filter_map(|(&(holder, a, b), entries)| self.opinion(holder, a, b, entries))
+            .collect();
+        let kept = consensus(&opinions, &self.params.alignment);
+        let agreed: BTreeSet<_> =
+            opinions.iter().zip(kept).filter(|(_, kept)| *kept).map(|(o, _)| (o.holder, o.a, o.b)).collect();
+        by_opinion
+            .into_iter()
+            .filter(|(key, _)| agreed.contains(key))
+            .flat_map(|(_, entries)| entries)
+            .collect()
+    }
+
+    /// Where a robot's closures between two maps place one in the other: the closure in the middle of all of them.
+    fn opinion(&self, holder: RobotId, a: RobotId, b: RobotId, entries: &[&ClosureEntry]) -> Option<Opinion> {
+        let mut implied: Vec<(Isometry2<f64>, Point2<f64>)> = Vec::new();
+        for entry in entries {
+            let (target, source) = (self.known_pose(entry.target)?, self.known_pose(entry.source)?);
+            implied
+                .push((target * entry.measured * source.inverse(), Point2::from(source.translation.vector)));
+        }
+        let spread = |at: usize| -> f64 {
+            let (transform, middle) = &implied[at];
+            implied.iter().map(|(other, _)| (other * middle - transform * middle).norm()).sum()
+        };
+        let medoid = (0..implied.len()).min_by(|&i, &j| spread(i).total_cmp(&spread(j)))?;
+        let (a_from_b, middle) = implied[medoid];
+        Some(Opinion { holder, a, b, a_from_b, middle })
+    }
+
+    fn known_pose(&self, keyframe: KeyframeId) -> Option<Isometry2<f64>> {
+        let poses = match self.partners.get(&keyframe.robot) {
+            Some(partner) => partner.graph.poses(),
+            None if keyframe.robot == self.id => self.local.poses(),
+            None => return None,
+        };
+        poses.get(keyframe.index as usize).copied()
     }
 
     fn is_aligned(&self, partner: RobotId) -> bool {
@@ -240,12 +294,7 @@ impl Robot {
     }
 
     fn knows(&self, keyframe: KeyframeId) -> bool {
-        let count = match self.partners.get(&keyframe.robot) {
-            Some(partner) => partner.graph.poses().len(),
-            None if keyframe.robot == self.id => self.local.poses().len(),
-            None => 0,
-        };
-        (keyframe.index as usize) < count
+        self.known_pose(keyframe).is_some()
     }
 
     /// Everything the consistency test asks for.
@@ -273,8 +322,9 @@ impl Robot {
             target_from_source: mode.target_from_source,
             covariance: mode.covariance,
         };
+        let judged = |id: RobotId| entries.iter().any(|e| e.source.robot == id && e.target.robot == self.id);
         let priors = self.partners.iter().filter_map(|(&id, p)| match &p.alignment {
-            Alignment::Accepted(mode) => Some(transform(id, mode)),
+            Alignment::Accepted(mode) => judged(id).then(|| transform(id, mode)),
             Alignment::Unknown | Alignment::Candidate { .. } | Alignment::Tentative(_) => None,
         });
         Ok(Evidence {
@@ -293,6 +343,10 @@ impl Robot {
             selection.rejected.iter().map(|r| (r.closure, Decision::Rejected, r.reason.to_string()));
         let undecided =
             selection.undecided.iter().map(|r| (r.closure, Decision::Undecided, r.reason.to_string()));
+        for proposal in self.proposals.values_mut() {
+            proposal.decision = Decision::Undecided;
+            proposal.reason = "the team does not agree on where the maps lie".into();
+        }
         for (index, decision, reason) in accepted.chain(rejected).chain(undecided) {
             if let Some(proposal) = self.proposals.get_mut(&(entries[index].source, entries[index].target)) {
                 proposal.decision = decision;

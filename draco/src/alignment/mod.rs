@@ -4,11 +4,17 @@
 //! stands clear of the second best; closures registered under it have to confirm it before it is believed. Both gates
 //! rest on one idea: a wrong alignment of a repetitive place has rivals, and under it scans do not register.
 
+mod consensus;
+
+use std::collections::BTreeSet;
+
 use draco_registration::correlative::{MapAlignmentParams, MapMode, align_maps};
-use nalgebra::Point2;
+use nalgebra::{Isometry2, Point2};
 
 use crate::error::Error;
 use crate::message::CellMap;
+
+pub use consensus::{Opinion, consensus};
 
 /// When an alignment is considered and when it is believed.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,6 +23,9 @@ pub struct AlignmentParams {
     pub search: MapAlignmentParams,
     /// Fewest cells of each map. Default 40: below that, a straight piece of wall is all there is.
     pub min_cells: usize,
+    /// Weight of the share of cells that would stand in free space against the score. Default 2: such a cell speaks
+    /// louder against a fit than a matching one speaks for it, since there are many ways to match.
+    pub conflict_weight: f64,
     /// Largest score of the second best fit over that of the best. Default 0.90, from the real recording, where
     /// right alignments have 0.69 to 0.88 and wrong ones 0.93 and 1.
     pub max_ratio: f64,
@@ -39,6 +48,7 @@ impl Default for AlignmentParams {
         AlignmentParams {
             search: MapAlignmentParams::default(),
             min_cells: 40,
+            conflict_weight: 2.0,
             max_ratio: 0.90,
             min_streak: 3,
             same_distance: 6.0,
@@ -50,9 +60,8 @@ impl Default for AlignmentParams {
 }
 
 impl AlignmentParams {
-    /// Whether two fits are the same one, told at the point `middle` of the partner's map.
-    pub fn agree(&self, a: &MapMode, b: &MapMode, middle: &Point2<f64>) -> bool {
-        let (a, b) = (a.target_from_source, b.target_from_source);
+    /// Whether two transforms are the same one, told at the point `middle` of the partner's map.
+    pub fn same(&self, a: &Isometry2<f64>, b: &Isometry2<f64>, middle: &Point2<f64>) -> bool {
         (a * middle - b * middle).norm() <= self.same_distance
             && a.rotation.angle_to(&b.rotation).abs() <= self.same_angle
     }
@@ -77,21 +86,48 @@ pub enum Verdict {
     None,
 }
 
+/// The own map as an alignment needs it.
+#[derive(Debug, Clone)]
+pub struct OwnMap {
+    /// What several keyframes saw.
+    pub cells: CellMap,
+    /// What several keyframes looked through, in cells of the same size.
+    pub free: BTreeSet<[i32; 2]>,
+}
+
 /// Compares two maps.
+///
+/// A repetitive place fits itself best where it overlaps most, whether or not it lies there. So the fits are ranked
+/// by their score less the share of the partner's cells that would stand where the own robot looked through.
 ///
 /// # Errors
 /// Those of the search.
-pub fn align(own: &CellMap, partner: &CellMap, params: &AlignmentParams) -> Result<Verdict, Error> {
-    if own.cells.len().min(partner.cells.len()) < params.min_cells {
+pub fn align(own: &OwnMap, partner: &CellMap, params: &AlignmentParams) -> Result<Verdict, Error> {
+    if own.cells.cells.len().min(partner.cells.len()) < params.min_cells {
         return Ok(Verdict::None);
     }
-    let modes = align_maps(&own.centres(), &partner.centres(), &params.search)?;
+    let centres = partner.centres();
+    let mut modes = align_maps(&own.cells.centres(), &centres, &params.search)?;
+    for mode in &mut modes {
+        mode.score -= params.conflict_weight * conflict(own, &centres, &mode.target_from_source);
+    }
+    modes.sort_by(|a, b| b.score.total_cmp(&a.score));
     Ok(match modes.as_slice() {
         [] => Verdict::None,
+        [best, ..] if best.score <= 0.0 => Verdict::None,
         [only] => Verdict::Clear(*only),
         [best, second, ..] => {
             let ratio = second.score / best.score;
             if ratio <= params.max_ratio { Verdict::Clear(*best) } else { Verdict::Ambiguous { ratio } }
         }
     })
+}
+
+/// Share of the partner's cells that would stand in the own robot's free space.
+fn conflict(own: &OwnMap, centres: &[Point2<f64>], own_from_partner: &Isometry2<f64>) -> f64 {
+    let in_free = |centre: &&Point2<f64>| {
+        let p = own_from_partner * *centre;
+        own.free.contains(&[(p.x / own.cells.size).floor() as i32, (p.y / own.cells.size).floor() as i32])
+    };
+    centres.iter().filter(in_free).count() as f64 / centres.len().max(1) as f64
 }
