@@ -3,7 +3,7 @@
 //! ```text
 //! echo "log so2 0 -1 1 0" | cargo run --release -p draco-lie --example lie_eval
 //! ```
-use std::io::{BufRead, BufWriter, IsTerminal, Write};
+use std::io::{BufRead, IsTerminal, Write};
 use std::process::ExitCode;
 
 use draco_lie::LieGroup;
@@ -74,7 +74,8 @@ fn answer(line: &str) -> Result<String, String> {
 }
 
 fn run() -> Result<(), String> {
-    let mut out = BufWriter::new(std::io::stdout().lock());
+    // line-buffered, so that a caller on a pipe may wait for each answer
+    let mut out = std::io::stdout().lock();
     for (index, line) in std::io::stdin().lock().lines().enumerate() {
         let line = line.map_err(|e| format!("line {}: {e}", index + 1))?;
         if line.trim().is_empty() {

@@ -33,7 +33,8 @@ pub(crate) fn check_symmetric<const N: usize>(
     for row in 0..N {
         for column in 0..row {
             let difference = (m[(row, column)] - m[(column, row)]).abs();
-            let scale = (m[(row, row)].abs() * m[(column, column)].abs()).sqrt();
+            // roots first: the product of two large variances overflows
+            let scale = m[(row, row)].abs().sqrt() * m[(column, column)].abs().sqrt();
             if difference > SYMMETRY_TOLERANCE * scale {
                 return Err(Error::NotSymmetric { what, row, column, difference });
             }
@@ -48,6 +49,11 @@ const ROTATION_TOLERANCE: f64 = 1e-6;
 /// `Ok` iff `RᵀR = I` and `det R > 0`.
 pub(crate) fn check_rotation<const D: usize>(r: &SMatrix<f64, D, D>, determinant: f64) -> Result<(), Error> {
     check_finite(r, "the rotation matrix")?;
+    // entries first: squares of huge ones overflow to NaN, which no comparison below would see
+    let beyond = r.amax() - 1.0;
+    if beyond > ROTATION_TOLERANCE {
+        return Err(Error::NotRotation { reason: "an entry is larger than one", deviation: beyond });
+    }
     let deviation = (r.transpose() * r - SMatrix::identity()).amax();
     if deviation > ROTATION_TOLERANCE {
         return Err(Error::NotRotation { reason: "its columns are not orthonormal", deviation });

@@ -17,8 +17,8 @@ pub enum Termination {
 pub struct MeanParams {
     /// Largest number of steps. Default 50: clusters within a radian of their mean take fewer than ten.
     pub max_iterations: usize,
-    /// Length of the step (metres and radians) that counts as converged, plus the rounding of the largest
-    /// residual. Default 1e-14.
+    /// Length of the step (metres and radians) that counts as converged, plus the rounding of the sum of
+    /// residuals. Default 1e-14.
     pub tolerance: f64,
 }
 
@@ -78,6 +78,8 @@ pub fn frechet_mean<const N: usize, G: LieGroup<N>>(
     let weight = |index: usize| weights.get(index).copied().unwrap_or(1.0);
     let start = (0..poses.len()).reduce(|best, i| if weight(i) > weight(best) { i } else { best });
     let mut pose = *start.and_then(|index| poses.get(index)).ok_or(Error::Empty)?;
+    // what rounding leaves of a sum of n residuals that cancel
+    let rounding = f64::EPSILON * (4.0 + (poses.len() as f64).sqrt());
     let mut last_step = f64::INFINITY;
     for iterations in 0..params.max_iterations {
         let mut sum = SVector::<f64, N>::zeros();
@@ -89,7 +91,7 @@ pub fn frechet_mean<const N: usize, G: LieGroup<N>>(
         }
         pose = pose.plus(&sum);
         last_step = sum.norm();
-        if last_step <= params.tolerance + 4.0 * f64::EPSILON * largest {
+        if last_step <= params.tolerance + rounding * largest {
             return Ok(Mean {
                 pose,
                 iterations: iterations + 1,

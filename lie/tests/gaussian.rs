@@ -62,6 +62,8 @@ fn bad_input_is_named() {
     m[(1, 1)] = f64::NAN;
     assert!(matches!(GaussianPose2::new(mean, m), Err(Error::NotFinite { index: 4, .. })));
     m[(1, 1)] = 1.0;
+    let giant = Matrix3::new(1e300, 1e290, 0.0, -1e299, 1e300, 0.0, 0.0, 0.0, 1e300);
+    assert!(matches!(GaussianPose2::new(mean, giant), Err(Error::NotSymmetric { row: 1, column: 0, .. })));
     m[(0, 1)] = 0.5;
     assert!(matches!(GaussianPose2::new(mean, m), Err(Error::NotSymmetric { row: 1, column: 0, .. })));
     let nowhere = Isometry2::new(Vector2::new(f64::INFINITY, 0.0), 0.0);

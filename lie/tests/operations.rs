@@ -277,6 +277,8 @@ fn bad_input_is_named() {
     assert!(matches!(complex.try_log(), Err(Error::NotUnit { .. })));
     let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0));
     assert!(matches!(UnitQuaternion::try_from_matrix(&mirror), Err(Error::NotRotation { .. })));
+    let giant = Matrix3::repeat(1e200);
+    assert!(matches!(UnitQuaternion::try_from_matrix(&giant), Err(Error::NotRotation { .. })));
     let mut bottom = Matrix4::identity();
     bottom[(3, 0)] = 0.5;
     assert!(matches!(Isometry3::try_from_matrix(&bottom), Err(Error::NotRotation { .. })));
