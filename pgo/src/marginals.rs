@@ -1,8 +1,8 @@
 use draco_lie::LieGroup;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix, SVector};
 
 use crate::problem::{HELD, Problem};
-use crate::sparse::Cholesky;
+use crate::sparse::{Cholesky, SelectedInverse};
 use crate::{Error, Gauge, Key, PoseGraph};
 
 /// Covariance of two poses together, each in its own body frame, order translation then rotation.
@@ -58,6 +58,17 @@ impl<const N: usize, G: LieGroup<N>> Marginals<G, N> {
         Ok(self.block(&self.inverse_columns(column), column))
     }
 
+    /// Covariance of every pose, ascending by key, by selective inversion: about the cost of two factorisations
+    /// however many poses there are.
+    pub fn all(&self) -> Vec<(Key, SMatrix<f64, N, N>)> {
+        let inverse = SelectedInverse::new(&self.cholesky);
+        let block = |slot: u32| match self.columns[slot as usize] {
+            HELD => SMatrix::zeros(),
+            c => inverse.block(self.cholesky.symbolic(), c, c).unwrap_or_else(SMatrix::zeros),
+        };
+        self.slots.iter().map(|(key, slot)| (*key, block(*slot))).collect()
+    }
+
     /// Covariance of two poses together.
     ///
     /// # Errors
@@ -70,6 +81,24 @@ impl<const N: usize, G: LieGroup<N>> Marginals<G, N> {
             second: self.block(&of_b, b),
             cross: self.block(&of_b, a),
         })
+    }
+
+    /// Joint covariance of several poses, `N × N` blocks in the order of `keys`.
+    ///
+    /// Costs `N` solves a pose, however many pairs there are.
+    ///
+    /// # Errors
+    /// [`Error::UnknownKey`].
+    pub fn joint_of(&self, keys: &[Key]) -> Result<DMatrix<f64>, Error> {
+        let columns = keys.iter().map(|key| self.column(*key)).collect::<Result<Vec<u32>, _>>()?;
+        let mut joint = DMatrix::zeros(keys.len() * N, keys.len() * N);
+        for (c, column) in columns.iter().enumerate() {
+            let inverse = self.inverse_columns(*column);
+            for (r, row) in columns.iter().enumerate() {
+                joint.view_mut((r * N, c * N), (N, N)).copy_from(&self.block(&inverse, *row));
+            }
+        }
+        Ok(joint)
     }
 
     /// Covariance of the relative pose `first⁻¹ second`, in the body frame of `second`.

@@ -4,7 +4,7 @@ use draco_lie::LieGroup;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
-use crate::{CustomFactor, Error, Kernel, Key, Measurement, PoseGraph};
+use crate::{CustomFactor, Error, FactorId, Kernel, Key, Measurement, PoseGraph};
 
 /// Column of a pose that does not move.
 pub(crate) const HELD: u32 = u32::MAX;
@@ -19,7 +19,10 @@ struct Pair {
 
 #[derive(Debug, Clone)]
 struct Between<G, const N: usize> {
+    id: FactorId,
     slots: [u32; 2],
+    /// Multiplies the cost; 1 but for graduated non-convexity.
+    scale: f64,
     pair: Pair,
     kernel: Kernel,
     measured: G,
@@ -96,7 +99,7 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
 
     fn take_factors(&mut self, graph: &PoseGraph<G, N>) -> Result<(), Error> {
         let unset = Pair { index: HELD, transpose: false };
-        for (_, factor) in graph.factors() {
+        for (id, factor) in graph.factors() {
             let (information, kernel) = (factor.information, factor.kernel);
             match &factor.measurement {
                 Measurement::Prior { key, measured } => {
@@ -106,7 +109,9 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
                 Measurement::Between { from, to, measured } => {
                     let slots = [graph.slot(*from)? as u32, graph.slot(*to)? as u32];
                     let measured = *measured;
-                    self.betweens.push(Between { slots, pair: unset, kernel, measured, information });
+                    let scale = 1.0;
+                    let between = Between { id, slots, scale, pair: unset, kernel, measured, information };
+                    self.betweens.push(between);
                 }
                 Measurement::Custom(custom) => {
                     let keys = custom.keys();
@@ -156,6 +161,22 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
         }
     }
 
+    /// The relative poses in the order they are kept.
+    pub(crate) fn between_ids(&self) -> impl Iterator<Item = FactorId> + '_ {
+        self.betweens.iter().map(|f| f.id)
+    }
+
+    /// Squared whitened residual of the `index`-th relative pose.
+    pub(crate) fn between_chi2(&self, index: usize, poses: &[G]) -> f64 {
+        let f = &self.betweens[index];
+        quadratic(&f.information, &between_residual(f, poses))
+    }
+
+    /// Scales the cost of the `index`-th relative pose.
+    pub(crate) fn set_scale(&mut self, index: usize, scale: f64) {
+        self.betweens[index].scale = scale;
+    }
+
     /// Number of free poses.
     pub(crate) fn free(&self) -> usize {
         self.slots.len()
@@ -171,7 +192,7 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
         let mut sum = 0.0;
         for f in &self.betweens {
             let e = between_residual(f, poses);
-            sum += f.kernel.weigh(quadratic(&f.information, &e)).rho;
+            sum += f.scale * f.kernel.weigh(quadratic(&f.information, &e)).rho;
         }
         for f in &self.priors {
             let e = f.measured.between(&poses[f.slot as usize]).log();
@@ -239,7 +260,7 @@ fn linearise_between<const N: usize, G: LieGroup<N>>(
     let e = f.measured.between(&b_from_a.inverse()).log();
     let weighed = f.kernel.weigh(quadratic(&f.information, &e));
     let j = G::right_jacobian_inverse(&e);
-    let jw = j.tr_mul(&f.information) * weighed.weight;
+    let jw = j.tr_mul(&f.information) * (weighed.weight * f.scale);
     let (h, g) = (jw * j, jw * e);
     let [column_a, column_b] = f.slots.map(|s| columns[s as usize]);
     if column_b != HELD {
@@ -260,7 +281,7 @@ fn linearise_between<const N: usize, G: LieGroup<N>>(
             }
         }
     }
-    weighed.rho
+    f.scale * weighed.rho
 }
 
 fn linearise_custom<const N: usize, G: LieGroup<N>>(

@@ -1,9 +1,7 @@
-use draco_lie::LieGroup;
-use nalgebra::SVector;
-
+use crate::optimizer::{Optimizer, Outcome};
 use crate::problem::Problem;
-use crate::sparse::Cholesky;
 use crate::{Error, Key, PoseGraph};
+use draco_lie::LieGroup;
 
 /// How steps are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -15,6 +13,9 @@ pub enum Method {
     /// from a good start this is Gauss-Newton.
     #[default]
     LevenbergMarquardt,
+    /// Powell's dogleg in a trust region that starts unbounded, so the first trial is the full step. A rejected
+    /// step costs no new factorisation.
+    Dogleg,
 }
 
 /// What to do about a connected part of the graph that no prior and no fixed pose holds in place.
@@ -91,6 +92,26 @@ pub struct Solution<G> {
 }
 
 impl<G> Solution<G> {
+    pub(crate) fn new<const N: usize>(
+        graph: &PoseGraph<G, N>,
+        poses: &[G],
+        held: Vec<Key>,
+        outcome: Outcome,
+    ) -> Self
+    where
+        G: LieGroup<N>,
+    {
+        Self {
+            keys: graph.slots.keys().copied().collect(),
+            poses: graph.slots.values().map(|slot| poses[*slot as usize]).collect(),
+            held,
+            initial_cost: outcome.initial,
+            final_cost: outcome.cost,
+            iterations: outcome.iterations,
+            termination: outcome.termination,
+        }
+    }
+
     /// The optimised pose of `key`.
     pub fn pose(&self, key: Key) -> Option<&G> {
         self.keys.binary_search(&key).ok().map(|i| &self.poses[i])
@@ -148,15 +169,7 @@ pub fn solve<const N: usize, G: LieGroup<N>>(
             .run(&mut poses)
             .map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?
     };
-    Ok(Solution {
-        keys: graph.slots.keys().copied().collect(),
-        poses: graph.slots.values().map(|slot| poses[*slot as usize]).collect(),
-        held,
-        initial_cost: outcome.initial,
-        final_cost: outcome.cost,
-        iterations: outcome.iterations,
-        termination: outcome.termination,
-    })
+    Ok(Solution::new(graph, &poses, held, outcome))
 }
 
 fn check(params: &SolveParams) -> Result<(), Error> {
@@ -168,179 +181,4 @@ fn check(params: &SolveParams) -> Result<(), Error> {
         }
     }
     Ok(())
-}
-
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Outcome {
-    pub(crate) initial: f64,
-    pub(crate) cost: f64,
-    pub(crate) iterations: usize,
-    pub(crate) termination: Termination,
-}
-
-/// Smallest and largest damping of Levenberg-Marquardt, relative to the diagonal of the Hessian; below the
-/// smallest the step is undamped.
-const DAMPING: (f64, f64) = (1e-9, 1e12);
-/// Least share of the predicted gain a step must realise to be taken.
-const ACCEPT: f64 = 1e-3;
-
-/// The iteration of [`solve`] with all of its memory: after construction nothing is allocated.
-pub(crate) struct Optimizer<'a, G, const N: usize> {
-    problem: &'a mut Problem<G, N>,
-    cholesky: &'a mut Cholesky<N>,
-    params: &'a SolveParams,
-    step: Vec<SVector<f64, N>>,
-    damping: Vec<SVector<f64, N>>,
-    trial: Vec<G>,
-}
-
-impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
-    pub(crate) fn new(
-        problem: &'a mut Problem<G, N>,
-        cholesky: &'a mut Cholesky<N>,
-        params: &'a SolveParams,
-    ) -> Self {
-        let zero = vec![SVector::zeros(); problem.free()];
-        Self { problem, cholesky, params, step: zero.clone(), damping: zero, trial: Vec::new() }
-    }
-
-    /// Iterates from `poses`, which hold the best found in the end.
-    ///
-    /// # Errors
-    /// The slot of a pose whose Hessian is not positive definite.
-    pub(crate) fn run(&mut self, poses: &mut [G]) -> Result<Outcome, usize> {
-        self.trial = poses.to_vec();
-        match self.params.method {
-            Method::GaussNewton => self.gauss_newton(poses),
-            Method::LevenbergMarquardt => self.levenberg_marquardt(poses),
-        }
-    }
-
-    fn gauss_newton(&mut self, best: &mut [G]) -> Result<Outcome, usize> {
-        let mut poses = best.to_vec();
-        let mut cost = self.problem.linearise(&poses);
-        let mut outcome =
-            Outcome { initial: cost, cost, iterations: 0, termination: Termination::MaxIterations };
-        let mut progress = Progress::default();
-        while outcome.iterations < self.params.max_iterations {
-            outcome.iterations += 1;
-            let predicted = self.solve_step(0.0).map_err(|c| self.problem.slots[c] as usize)?;
-            self.apply(&poses);
-            std::mem::swap(&mut poses, &mut self.trial);
-            let next = self.problem.linearise(&poses);
-            let gain = cost - next;
-            cost = next;
-            if cost <= outcome.cost {
-                outcome.cost = cost;
-                best.copy_from_slice(&poses);
-            }
-            if !cost.is_finite() || cost > 1e6 * outcome.initial.max(1.0) {
-                outcome.termination = Termination::Diverged;
-                break;
-            }
-            if progress.finished(gain.abs(), predicted, cost, self.params) {
-                outcome.termination = Termination::Converged;
-                break;
-            }
-        }
-        Ok(outcome)
-    }
-
-    fn levenberg_marquardt(&mut self, poses: &mut [G]) -> Result<Outcome, usize> {
-        let mut cost = self.problem.linearise(poses);
-        let mut outcome =
-            Outcome { initial: cost, cost, iterations: 0, termination: Termination::MaxIterations };
-        let (mut lambda, mut growth) = (0.0, 4.0);
-        let mut progress = Progress::default();
-        while outcome.iterations < self.params.max_iterations {
-            outcome.iterations += 1;
-            let (mut predicted, mut next) = (0.0, f64::INFINITY);
-            while lambda <= DAMPING.1 {
-                if let Ok(gain) = self.solve_step(lambda) {
-                    predicted = gain;
-                    self.apply(poses);
-                    next = self.problem.cost(&self.trial);
-                    let finished = predicted <= self.params.relative_tolerance * 1e-4 * cost;
-                    if cost - next >= ACCEPT * predicted || finished {
-                        break;
-                    }
-                }
-                lambda = f64::max(lambda * growth, 1e-6);
-                growth *= 2.0;
-            }
-            let gain = cost - next;
-            if gain.is_nan() || gain < 0.0 {
-                let tiny = predicted <= self.params.relative_tolerance * cost;
-                outcome.termination = if tiny { Termination::Converged } else { Termination::Stalled };
-                break;
-            }
-            poses.copy_from_slice(&self.trial);
-            let trusted = gain >= 0.25 * predicted;
-            if trusted {
-                growth = 4.0;
-                lambda = if lambda < DAMPING.0 { 0.0 } else { lambda / 10.0 };
-            }
-            cost = next;
-            if progress.finished(gain, predicted, cost, self.params) && lambda < 1e-3 {
-                outcome.termination = Termination::Converged;
-                break;
-            }
-            self.problem.linearise(poses);
-        }
-        outcome.cost = cost;
-        Ok(outcome)
-    }
-
-    /// Solves `(H + λ diag H) step = -gradient` and returns the gain of cost the model predicts.
-    fn solve_step(&mut self, lambda: f64) -> Result<f64, usize> {
-        let Self { problem, cholesky, step, damping, .. } = self;
-        let extra = if lambda > 0.0 {
-            for (d, h) in damping.iter_mut().zip(&problem.hessian.diagonal) {
-                *d = h.diagonal() * lambda;
-            }
-            Some(damping.as_slice())
-        } else {
-            None
-        };
-        cholesky.factor(&problem.hessian, extra)?;
-        for (x, g) in step.iter_mut().zip(&problem.gradient) {
-            *x = -g;
-        }
-        cholesky.solve(step);
-        // the model's gain is -gᵀx - ½ xᵀ H x with H x = -g - λ D x
-        let mut gain = 0.0;
-        for (i, (x, g)) in step.iter().zip(&problem.gradient).enumerate() {
-            gain -= 0.5 * g.dot(x);
-            if lambda > 0.0 {
-                gain += 0.5 * x.component_mul(x).dot(&damping[i]);
-            }
-        }
-        Ok(gain)
-    }
-
-    /// `trial = poses ⊞ step`.
-    fn apply(&mut self, poses: &[G]) {
-        for (step, slot) in self.step.iter().zip(&self.problem.slots) {
-            let slot = *slot as usize;
-            self.trial[slot] = poses[slot].plus(step).renormalize();
-        }
-    }
-}
-
-/// Decides from the gains of the last steps whether what remains is worth a further step.
-#[derive(Debug, Default)]
-struct Progress {
-    last: Option<f64>,
-}
-
-impl Progress {
-    fn finished(&mut self, gain: f64, predicted: f64, cost: f64, params: &SolveParams) -> bool {
-        let enough = params.relative_tolerance * cost + params.absolute_tolerance;
-        // gains shrink at least geometrically near the optimum, so the rest is about gain · q / (1 - q)
-        let rate = self.last.map_or(1.0, |last| gain / last);
-        self.last = Some(gain);
-        let remaining = if rate < 0.5 { gain * rate / (1.0 - rate) } else { gain };
-        cost <= params.absolute_tolerance
-            || (remaining.abs() <= enough && predicted <= 1e4 * enough.max(gain))
-    }
 }

@@ -41,3 +41,32 @@ fn intel_is_solved_from_the_file() {
 fn sphere2500_is_solved_from_the_file() {
     reaches("sphere2500", 675.70096);
 }
+
+#[test]
+fn all_sets_are_solved_from_the_chordal_start() {
+    for (name, best) in [
+        ("tinyGrid3D", 9.3139094),
+        ("smallGrid3D", 517.92533),
+        ("CSAIL", 20.275442),
+        ("MIT", 20.603474),
+        ("intel", 22.502116),
+        ("manhattan", 1774.5205),
+        ("parking-garage", 0.6341924),
+        ("sphere2500", 675.70096),
+        ("torus3D", 12117.637),
+        ("sphere_bignoise_vertex3", 1494168.8),
+    ] {
+        let Some(path) = common::data(&format!("pgo/{name}.g2o")) else { return };
+        let cost = match g2o::read(path).unwrap() {
+            AnyGraph::Two(mut graph) => {
+                draco_pgo::chordal(&mut graph).unwrap();
+                checked(graph, &SolveParams::default())
+            }
+            AnyGraph::Three(mut graph) => {
+                draco_pgo::chordal(&mut graph).unwrap();
+                checked(graph, &SolveParams::default())
+            }
+        };
+        assert!(cost <= best * (1.0 + 1e-6), "{name}: {cost} instead of {best}");
+    }
+}

@@ -8,7 +8,7 @@
 //!
 //! Kernels and user-defined factors have no place in the format and are not written.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::str::{FromStr, SplitAsciiWhitespace};
@@ -165,7 +165,7 @@ struct Edge<G, const N: usize> {
 
 struct Contents<G, const N: usize> {
     vertices: BTreeMap<Key, G>,
-    /// Keys in the order of the file: poses first, then those that only edges name.
+    /// Keys in the order of the file.
     order: Vec<Key>,
     edges: Vec<Edge<G, N>>,
     fixed: Vec<(usize, Key)>,
@@ -217,13 +217,17 @@ impl<const N: usize, G: G2oPose<N>> Contents<G, N> {
         }
     }
 
-    fn into_graph(mut self) -> Result<PoseGraph<G, N>, Error> {
-        self.compose_missing();
+    fn into_graph(self) -> Result<PoseGraph<G, N>, Error> {
         let mut graph = PoseGraph::new();
         for key in &self.order {
             if let Some(pose) = self.vertices.get(key) {
                 graph.add_pose(*key, *pose)?;
             }
+        }
+        let declared = graph.pose_count();
+        let named = self.edges.iter().flat_map(|e| [Some(e.from), e.to]).flatten();
+        for key in named.filter(|key| !self.vertices.contains_key(key)).collect::<BTreeSet<Key>>() {
+            graph.add_pose(key, G::identity())?;
         }
         if graph.pose_count() == 0 {
             return Err(Error::EmptyGraph);
@@ -239,77 +243,11 @@ impl<const N: usize, G: G2oPose<N>> Contents<G, N> {
             let fixed = graph.set_fixed(key, true);
             fixed.map_err(|error| Error::Parse { line, reason: error.to_string() })?;
         }
+        if declared < graph.pose_count() {
+            let placed = (0..graph.pose_count()).map(|slot| slot < declared).collect();
+            crate::spanning_tree::compose(&mut graph, placed)?;
+        }
         Ok(graph)
-    }
-
-    /// Gives every pose that only edges name a first guess.
-    fn compose_missing(&mut self) {
-        let mut missing: BTreeMap<Key, Vec<usize>> = BTreeMap::new();
-        for (index, edge) in self.edges.iter().enumerate() {
-            for key in [Some(edge.from), edge.to].into_iter().flatten() {
-                if !self.vertices.contains_key(&key) {
-                    missing.entry(key).or_default().push(index);
-                }
-            }
-        }
-        if missing.is_empty() {
-            return;
-        }
-        self.order.extend(missing.keys());
-        let mut steps: BTreeMap<Key, usize> = BTreeMap::new();
-        let mut touching: BTreeMap<Key, Vec<usize>> = BTreeMap::new();
-        for (index, edge) in self.edges.iter().enumerate() {
-            let Some(to) = edge.to else { continue };
-            if to.robot == edge.from.robot && edge.from.index.checked_add(1) == Some(to.index) {
-                steps.entry(edge.from).or_insert(index);
-            }
-            touching.entry(edge.from).or_default().push(index);
-            touching.entry(to).or_default().push(index);
-        }
-        let mut queue: VecDeque<Key> = self.vertices.keys().copied().collect();
-        for root in missing.keys() {
-            self.spread(&mut queue, &steps, &touching);
-            // what is reached from nowhere starts at the origin
-            if !self.vertices.contains_key(root) {
-                self.vertices.insert(*root, G::identity());
-                queue.push_back(*root);
-            }
-        }
-        self.spread(&mut queue, &steps, &touching);
-    }
-
-    fn spread(
-        &mut self,
-        queue: &mut VecDeque<Key>,
-        steps: &BTreeMap<Key, usize>,
-        touching: &BTreeMap<Key, Vec<usize>>,
-    ) {
-        // the chain of consecutive indices first: odometry is the safer guide
-        let mut chain: VecDeque<Key> = queue.clone();
-        while let Some(key) = chain.pop_front() {
-            let (Some(pose), Some(index)) = (self.vertices.get(&key).copied(), steps.get(&key)) else {
-                continue;
-            };
-            let Some(to) = self.edges[*index].to else { continue };
-            if !self.vertices.contains_key(&to) {
-                self.vertices.insert(to, pose.compose(&self.edges[*index].measured));
-                queue.push_back(to);
-                chain.push_front(to);
-            }
-        }
-        while let Some(key) = queue.pop_front() {
-            let Some(pose) = self.vertices.get(&key).copied() else { continue };
-            for index in touching.get(&key).into_iter().flatten() {
-                let edge = &self.edges[*index];
-                let Some(to) = edge.to else { continue };
-                let (next, relative) =
-                    if edge.from == key { (to, edge.measured) } else { (edge.from, edge.measured.inverse()) };
-                if let std::collections::btree_map::Entry::Vacant(entry) = self.vertices.entry(next) {
-                    entry.insert(pose.compose(&relative));
-                    queue.push_back(next);
-                }
-            }
-        }
     }
 }
 
@@ -354,7 +292,8 @@ fn measurement<const N: usize, G: G2oPose<N>>(
 
 /// The text of a graph: poses ascending by key, then `FIX` lines, then factors in the order they were added.
 ///
-/// Reading it again gives the same poses, measurements and information matrices to the bit.
+/// Reading it again gives the same poses, measurements and information matrices to the bit, except that in the
+/// plane a heading that was computed, not read, may change by its last bit the first time.
 ///
 /// # Errors
 /// [`Error::KeyTooLarge`].

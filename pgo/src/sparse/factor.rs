@@ -15,6 +15,20 @@ pub(crate) struct BlockMatrix<const N: usize> {
     pub(crate) off_diagonal: Vec<SMatrix<f64, N, N>>,
 }
 
+impl<const N: usize> BlockMatrix<N> {
+    /// `xᵀ M x`, with `pairs` the places of the off-diagonal blocks.
+    pub(crate) fn quadratic(&self, pairs: &[(u32, u32)], x: &[SVector<f64, N>]) -> f64 {
+        let diagonal: f64 = self.diagonal.iter().zip(x).map(|(block, x)| x.dot(&(block * x))).sum();
+        let off: f64 = self
+            .off_diagonal
+            .iter()
+            .zip(pairs)
+            .map(|(block, (row, column))| x[*row as usize].dot(&(block * x[*column as usize])))
+            .sum();
+        diagonal + 2.0 * off
+    }
+}
+
 /// Where a block goes in the panels, and whether it must be transposed on the way.
 #[derive(Debug, Clone, Copy)]
 struct Place {
@@ -66,6 +80,11 @@ impl<const N: usize> Cholesky<N> {
 
     pub(crate) fn symbolic(&self) -> &Symbolic {
         &self.symbolic
+    }
+
+    /// The panel of supernode `s`, column-major.
+    pub(crate) fn panel(&self, s: usize) -> &[f64] {
+        &self.values[self.symbolic.panel_start[s] * N * N..self.symbolic.panel_start[s + 1] * N * N]
     }
 
     /// Factors `matrix + diag(damping)`; `damping` is in the order of the columns before ordering.

@@ -2,8 +2,10 @@
 
 mod dense;
 mod factor;
+mod inverse;
 mod ordering;
 mod symbolic;
 
 pub(crate) use factor::{BlockMatrix, Cholesky};
+pub(crate) use inverse::SelectedInverse;
 pub(crate) use symbolic::Symbolic;

@@ -130,6 +130,10 @@ impl Symbolic {
         &self.rows[self.row_start[s]..self.row_start[s + 1]]
     }
 
+    pub(crate) fn runs(&self, s: usize) -> &[Run] {
+        &self.runs[self.run_start[s]..self.run_start[s + 1]]
+    }
+
     /// Blocks in all panels.
     pub(crate) fn panel_blocks(&self) -> usize {
         self.panel_start.last().copied().unwrap_or(0)

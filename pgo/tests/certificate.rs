@@ -1,0 +1,71 @@
+//! The dual certificate on published sets.
+
+mod common;
+
+use draco_pgo::io::g2o::{self, AnyGraph};
+use draco_pgo::{ChordalPose, Key, PoseGraph, SolveParams, certify, chordal, chordal_objective, solve};
+use nalgebra::{Isometry2, Matrix3, Vector2};
+
+fn check<const N: usize, G: ChordalPose<N>>(mut graph: PoseGraph<G, N>, name: &str, objective: f64) {
+    chordal(&mut graph).unwrap();
+    let params = SolveParams { relative_tolerance: 1e-12, ..SolveParams::default() };
+    let solution = solve(&chordal_objective(&graph).unwrap(), &params).unwrap();
+    graph.update(&solution);
+    let certificate = certify(&graph).unwrap();
+    println!("{name}: {certificate:?} after {} iterations", solution.iterations);
+    assert!((certificate.objective - objective).abs() <= 1e-7 * objective, "{name}: {certificate:?}");
+    assert!((certificate.objective - 2.0 * solution.final_cost).abs() <= 1e-9 * objective);
+    assert!(certificate.slack.is_some_and(|slack| slack <= 1e-5), "{name}: {certificate:?}");
+}
+
+#[test]
+fn optima_of_published_sets_are_certified() {
+    for (name, objective) in [
+        ("tinyGrid3D", 18.519366),
+        ("smallGrid3D", 1025.3981),
+        ("CSAIL", 31.703716),
+        ("MIT", 61.154116),
+        ("intel", 52.348227),
+        ("parking-garage", 1.2625244),
+    ] {
+        let Some(path) = common::data(&format!("pgo/{name}.g2o")) else { return };
+        match g2o::read(path).unwrap() {
+            AnyGraph::Two(graph) => check(graph, name, objective),
+            AnyGraph::Three(graph) => check(graph, name, objective),
+        }
+    }
+}
+
+#[test]
+#[ignore = "the large sets take a minute in the dev profile"]
+fn optima_of_the_large_published_sets_are_certified() {
+    for (name, objective) in [("manhattan", 6431.3914), ("sphere2500", 1687.0058), ("torus3D", 24227.215)] {
+        let Some(path) = common::data(&format!("pgo/{name}.g2o")) else { return };
+        match g2o::read(path).unwrap() {
+            AnyGraph::Two(graph) => check(graph, name, objective),
+            AnyGraph::Three(graph) => check(graph, name, objective),
+        }
+    }
+}
+
+#[test]
+fn a_local_minimum_is_not_certified() {
+    // a ring whose headings wind once too often: stationary, but not the best
+    let n = 12;
+    let mut graph = PoseGraph::new();
+    let turn = std::f64::consts::TAU / f64::from(n);
+    for i in 0..n {
+        let wound = Isometry2::new(Vector2::zeros(), turn * f64::from(i));
+        graph.add_pose(Key::new(0, i as u64), wound).unwrap();
+    }
+    let omega = Matrix3::identity();
+    for i in 0..n {
+        let (a, b) = (Key::new(0, i as u64), Key::new(0, ((i + 1) % n) as u64));
+        graph.add_between(a, b, Isometry2::identity(), omega, draco_pgo::Kernel::None).unwrap();
+    }
+    let wound = certify(&graph).unwrap();
+    assert!(wound.stationarity < 1e-12 && wound.slack.is_none(), "{wound:?}");
+    chordal(&mut graph).unwrap();
+    let best = certify(&graph).unwrap();
+    assert!(best.objective < 1e-20 && best.slack == Some(1e-8), "{best:?}");
+}
