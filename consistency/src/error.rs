@@ -40,6 +40,16 @@ pub enum Error {
         /// Largest number possible.
         limit: usize,
     },
+    /// An affinity lies outside (0, 1].
+    #[error("pair {a}, {b} has affinity {affinity}; affinities lie above 0 and up to 1")]
+    BadAffinity {
+        /// One vertex.
+        a: usize,
+        /// The other.
+        b: usize,
+        /// The affinity.
+        affinity: f64,
+    },
     /// One list has another length than the set it describes.
     #[error("{given} values given for {expected} elements")]
     LengthMismatch {

@@ -8,6 +8,7 @@ mod error;
 pub mod clique;
 pub mod graph;
 pub mod hyperclique;
+pub mod relaxed;
 
 pub use error::Error;
 

@@ -42,6 +42,28 @@ impl Meter {
         Self { nodes: 0, stopped: false, limit: budget.nodes.unwrap_or(u64::MAX), deadline }
     }
 
+    pub(crate) fn unlimited() -> Self {
+        Self::new(&Budget::UNLIMITED)
+    }
+
+    #[cfg(feature = "rayon")]
+    pub(super) fn limits_nodes(&self) -> bool {
+        self.limit != u64::MAX
+    }
+
+    /// A meter for one thread, with the same deadline.
+    #[cfg(feature = "rayon")]
+    pub(super) fn fork(&self) -> Self {
+        Self { nodes: 0, ..self.clone() }
+    }
+
+    /// Adds what a thread counted.
+    #[cfg(feature = "rayon")]
+    pub(super) fn join(&mut self, other: &Self) {
+        self.nodes += other.nodes;
+        self.stopped |= other.stopped;
+    }
+
     /// Counts a node; false once the budget is spent.
     #[inline]
     pub(crate) fn tick(&mut self) -> bool {

@@ -4,7 +4,7 @@ use super::budget::Meter;
 use super::greedy::extend;
 use super::local_search;
 use super::rows::{BitMatrix, with_width};
-use super::{complement_search, search, weighted_search};
+use super::{by_vertex, complement_search, weighted_search};
 use crate::graph::{Adjacency, degeneracy};
 
 /// A clique of `matrix` of more than `lower` vertices: the largest, or one of at least `enough`; or `None`.
@@ -39,7 +39,7 @@ pub(super) fn larger(
     let found = if missing_degree(&reduced) <= SPARSE_COMPLEMENT {
         with_width!(reduced.words, sparse_complement(&reduced, known, enough, meter))
     } else {
-        with_width!(reduced.words, general(&reduced, known, enough, meter))
+        by_vertex::search(&reduced, known, enough, meter)
     };
     found.map(|clique| clique.into_iter().map(|v| order[v]).collect()).or(best)
 }
@@ -63,15 +63,6 @@ fn sparse_complement<const W: usize>(
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
     complement_search::search::<W>(matrix, lower, enough, meter)
-}
-
-fn general<const W: usize>(
-    matrix: &BitMatrix,
-    lower: usize,
-    enough: usize,
-    meter: &mut Meter,
-) -> Option<Vec<usize>> {
-    search::search::<W>(matrix, lower, enough, meter)
 }
 
 /// A clique of `matrix` heavier than `lower`, the heaviest there is, or `None`.

@@ -5,9 +5,11 @@
 //! [`greedy`].
 
 mod budget;
+mod by_vertex;
 mod complement_bound;
 mod complement_search;
 mod dense;
+mod enumerate;
 mod fixed_point;
 mod greedy;
 mod incremental;
@@ -21,6 +23,7 @@ mod weighted_search;
 
 pub use budget::Budget;
 pub(crate) use budget::Meter;
+pub use enumerate::{MaximalCliques, all_maximum, maximal};
 pub use greedy::greedy;
 pub use incremental::Incremental;
 pub use maximum::{maximum, maximum_weight};

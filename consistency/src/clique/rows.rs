@@ -109,7 +109,23 @@ impl BitMatrix {
 
     /// The graph induced on `vertices`, in their order.
     pub(super) fn select(&self, vertices: &[usize]) -> Self {
-        Self::induced(self, vertices)
+        let mut place = vec![0u32; self.n];
+        let mut mask = vec![0; self.words];
+        for (i, &v) in vertices.iter().enumerate() {
+            place[v] = i as u32;
+            bits::insert(&mut mask, v);
+        }
+        let mut part = Self::new(vertices.len());
+        for (&v, row) in vertices.iter().zip(part.rows.chunks_exact_mut(part.words.max(1))) {
+            for (block, (word, mask)) in self.row(v).iter().zip(&mask).enumerate() {
+                let mut rest = word & mask;
+                while rest != 0 {
+                    bits::insert(row, place[64 * block + rest.trailing_zeros() as usize] as usize);
+                    rest &= rest - 1;
+                }
+            }
+        }
+        part
     }
 }
 

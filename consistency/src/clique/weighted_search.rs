@@ -1,7 +1,7 @@
 //! Branch and bound for the heaviest clique of a small graph held in bit rows.
 
 use super::budget::Meter;
-use super::rows::{BitMatrix, Set, and, and_not, drop, empty, first, is_empty, put};
+use super::rows::{BitMatrix, Set, and, and_not, drop, empty, first, has, is_empty, put};
 
 /// A clique of `matrix` heavier than `lower`, the heaviest there is, or `None`.
 pub(super) fn search<const W: usize>(
@@ -16,6 +16,8 @@ pub(super) fn search<const W: usize>(
         adjacent: matrix.widened::<W>(),
         weights,
         residual: weights.to_vec(),
+        peels: Vec::new(),
+        near: Vec::new(),
         best: lower,
         found: None,
         path: Vec::new(),
@@ -30,6 +32,10 @@ struct Search<'a, const W: usize> {
     weights: &'a [u64],
     /// Scratch of [`Search::branching`]: weight of each vertex that no stable set covers yet.
     residual: Vec<u64>,
+    /// Stable sets with the weight each was peeled off with and has not spent on relaxing others.
+    peels: Vec<(Set<W>, u64)>,
+    /// Scratch of [`Search::relax`]: peels and their members joined to a vertex.
+    near: Vec<(usize, Set<W>)>,
     best: u64,
     found: Option<Vec<usize>>,
     path: Vec<usize>,
@@ -68,19 +74,18 @@ impl<const W: usize> Search<'_, W> {
             drop(&mut todo, v);
             self.residual[v] = self.weights[v];
         }
-        while !is_empty(&rest) {
+        self.peels.clear();
+        while !is_empty(&rest) && allowed > 0 {
             let (mut free, mut stable) = (rest, empty::<W>());
-            let mut least = u64::MAX;
+            let mut least = allowed;
             while let Some(v) = first(&free) {
                 drop(&mut free, v);
                 free = and_not(&free, &self.adjacent[v]);
                 put(&mut stable, v);
                 least = least.min(self.residual[v]);
             }
-            if least > allowed {
-                return rest;
-            }
             allowed -= least;
+            self.peels.push((stable, least));
             while let Some(v) = first(&stable) {
                 drop(&mut stable, v);
                 self.residual[v] -= least;
@@ -89,6 +94,59 @@ impl<const W: usize> Search<'_, W> {
                 }
             }
         }
+        let mut todo = rest;
+        while let Some(v) = first(&todo) {
+            drop(&mut todo, v);
+            if self.relax(v) {
+                drop(&mut rest, v);
+            }
+        }
         rest
+    }
+
+    /// Pays for what is left of `v` with pairs of peels which, with `v`, hold no triangle: of equal weights of the
+    /// three only two can be in a clique. Both peels then have less to spend on others.
+    fn relax(&mut self, v: usize) -> bool {
+        self.near.clear();
+        for (index, (stable, weight)) in self.peels.iter().enumerate() {
+            if *weight > 0 && !has(stable, v) {
+                self.near.push((index, and(stable, &self.adjacent[v])));
+            }
+        }
+        for i in 0..self.near.len() {
+            for j in i + 1..self.near.len() {
+                let ((one, a), (two, b)) = (self.near[i], self.near[j]);
+                let spent = self.residual[v].min(self.peels[one].1).min(self.peels[two].1);
+                if spent == 0 || !self.are_apart(&a, &b) {
+                    continue;
+                }
+                self.peels[one].1 -= spent;
+                self.peels[two].1 -= spent;
+                self.residual[v] -= spent;
+                if self.residual[v] == 0 {
+                    return true;
+                }
+                if self.peels[one].1 == 0 {
+                    break;
+                }
+            }
+        }
+        false
+    }
+
+    /// Whether no vertex of `a` is one of `b` or joined to one: peels can share vertices.
+    #[inline(always)]
+    fn are_apart(&self, a: &Set<W>, b: &Set<W>) -> bool {
+        if !is_empty(&and(a, b)) {
+            return false;
+        }
+        let mut rest = *a;
+        while let Some(w) = first(&rest) {
+            drop(&mut rest, w);
+            if !is_empty(&and(b, &self.adjacent[w])) {
+                return false;
+            }
+        }
+        true
     }
 }
