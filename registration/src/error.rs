@@ -40,6 +40,22 @@ pub enum Error {
         /// The number of points.
         expected: usize,
     },
+    /// A file that cannot be read.
+    #[error("{path}: {message}")]
+    Io {
+        /// The file.
+        path: String,
+        /// What the system said.
+        message: String,
+    },
+    /// A file that is not what it should be.
+    #[error("line {line}: {message}")]
+    Parse {
+        /// Line, counted from 1; for binary data the last line of the header.
+        line: usize,
+        /// What is wrong.
+        message: String,
+    },
     /// A parameter outside its valid range.
     #[error("parameter `{name}` is {value}, which is outside {range}")]
     Parameter {

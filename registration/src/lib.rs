@@ -14,6 +14,7 @@ pub mod correlative;
 mod downsample;
 mod error;
 mod icp;
+pub mod io;
 mod kd_tree;
 mod linalg;
 mod motion;
