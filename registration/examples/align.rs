@@ -11,6 +11,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::{Context, bail};
+use draco_registration::global::{SearchParams, branch_and_bound_2d};
 use draco_registration::{
     Cloud, IcpParams, Registration, RigidMotion, Target, io::read_points, mean_downsample,
 };
@@ -61,8 +62,14 @@ fn answer(line: &str) -> anyhow::Result<String> {
     let outcome = match *dim {
         "2" => {
             let (s, t) = (read_points::<2>(source)?, read_points::<2>(target)?);
-            if start.first() == Some(&"global") {
-                bail!("not yet");
+            if let ["global", translation, degrees] = start {
+                let box_of = SearchParams {
+                    translation: translation.parse().context("half width")?,
+                    rotation: degrees.parse::<f64>().context("half width")?.to_radians(),
+                    ..SearchParams::default()
+                };
+                let outcome = repeat(reps, || search_2d(&s, &t, &Isometry2::identity(), &box_of))?;
+                return Ok(format!("{case} {outcome}"));
             }
             let m = numbers::<9>(start)?;
             let rotation = Matrix2::new(m[0], m[1], m[3], m[4]);
@@ -121,10 +128,29 @@ fn align_2d(
 ) -> anyhow::Result<Timed> {
     let begin = Instant::now();
     let target = Target::new(&Cloud::new(target.to_vec())?.estimate_normals(8, &Vector2::zeros())?)?;
-    let source = Cloud::new(source.to_vec())?;
+    let source = Cloud::new(source.to_vec())?.estimate_normals(8, &Vector2::zeros())?;
     let prepared = begin.elapsed().as_secs_f64();
-    let params = IcpParams { max_distance, ..IcpParams::laser_2d() };
-    let found = target.align(&source, initial, &params)?;
+    let params = IcpParams { max_distance: 0.5, ..IcpParams::laser_2d() };
+    let window = SearchParams::near_start(max_distance);
+    let coarse = branch_and_bound_2d(&target, &source, initial, &window)?;
+    let found = target.align(&source, &coarse.best().target_from_source, &params)?;
+    Ok(timed(&found, prepared, begin.elapsed().as_secs_f64()))
+}
+
+fn search_2d(
+    source: &[SVector<f64, 2>],
+    target: &[SVector<f64, 2>],
+    centre: &Isometry2<f64>,
+    window: &SearchParams,
+) -> anyhow::Result<Timed> {
+    let begin = Instant::now();
+    let target = Target::new(&Cloud::new(target.to_vec())?.estimate_normals(8, &Vector2::zeros())?)?;
+    let source = Cloud::new(source.to_vec())?.estimate_normals(8, &Vector2::zeros())?;
+    let prepared = begin.elapsed().as_secs_f64();
+    let coarse = branch_and_bound_2d(&target, &source, centre, window)?;
+    let params = IcpParams { max_distance: 0.5, ..IcpParams::laser_2d() };
+    let mut found = target.align(&source, &coarse.best().target_from_source, &params)?;
+    found.iterations = coarse.best().nodes;
     Ok(timed(&found, prepared, begin.elapsed().as_secs_f64()))
 }
 

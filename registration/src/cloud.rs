@@ -11,6 +11,8 @@ use crate::normals;
 pub struct Cloud<const D: usize> {
     points: Vec<SVector<f64, D>>,
     normals: Option<Vec<SVector<f64, D>>>,
+    /// Variance of the neighbours across the local line or plane, if the normals were estimated.
+    variances: Option<Vec<f64>>,
 }
 
 impl<const D: usize> Cloud<D> {
@@ -21,7 +23,7 @@ impl<const D: usize> Cloud<D> {
     pub fn new(points: Vec<SVector<f64, D>>) -> Result<Self, Error> {
         match points.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
             Some(index) => Err(Error::NonFinitePoint { index }),
-            None => Ok(Self { points, normals: None }),
+            None => Ok(Self { points, normals: None, variances: None }),
         }
     }
 
@@ -40,7 +42,7 @@ impl<const D: usize> Cloud<D> {
         if normals.iter().any(|n| !n.iter().all(|v| v.is_finite())) {
             return Err(Error::NonFinite { what: "a normal" });
         }
-        self.normals = Some(normals);
+        (self.normals, self.variances) = (Some(normals), None);
         Ok(self)
     }
 
@@ -53,7 +55,8 @@ impl<const D: usize> Cloud<D> {
     /// [`Error::Parameter`] when `neighbors` is smaller than `D`.
     pub fn estimate_normals(mut self, neighbors: usize, viewpoint: &SVector<f64, D>) -> Result<Self, Error> {
         let tree = KdTree::new(&self.points)?;
-        self.normals = Some(normals::estimate(&self.points, &tree, neighbors, viewpoint)?);
+        let surface = normals::estimate(&self.points, &tree, neighbors, viewpoint)?;
+        (self.normals, self.variances) = (Some(surface.normals), Some(surface.variances));
         Ok(self)
     }
 
@@ -65,6 +68,11 @@ impl<const D: usize> Cloud<D> {
     /// The unit normals, one a point, if there are any.
     pub fn normals(&self) -> Option<&[SVector<f64, D>]> {
         self.normals.as_deref()
+    }
+
+    /// Noise variance of each point across its surface, m², if the normals were estimated.
+    pub(crate) fn variances(&self) -> Option<&[f64]> {
+        self.variances.as_deref()
     }
 
     /// Number of points.

@@ -13,6 +13,7 @@ mod cloud;
 pub mod correlative;
 mod downsample;
 mod error;
+pub mod global;
 mod icp;
 pub mod io;
 mod kd_tree;

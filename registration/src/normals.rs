@@ -5,24 +5,35 @@ use crate::error::check;
 use crate::kd_tree::{KdTree, Neighbor};
 use crate::linalg::symmetric_eigen;
 
+/// The local line or plane through every point.
+pub(crate) struct Surface<const D: usize> {
+    pub(crate) normals: Vec<SVector<f64, D>>,
+    /// Variance of the neighbours across it, m²: the noise of the points there.
+    pub(crate) variances: Vec<f64>,
+}
+
 /// Unit normals from the `neighbors` nearest points, turned towards `viewpoint`.
 pub(crate) fn estimate<const D: usize>(
     points: &[SVector<f64, D>],
     tree: &KdTree<D>,
     neighbors: usize,
     viewpoint: &SVector<f64, D>,
-) -> Result<Vec<SVector<f64, D>>, Error> {
+) -> Result<Surface<D>, Error> {
     check("neighbors", neighbors as f64, neighbors >= D, "D or more")?;
     let mut found: Vec<Neighbor> = Vec::with_capacity(neighbors + 1);
     let mut normals = vec![SVector::zeros(); points.len()];
+    let mut variances = vec![0.0; points.len()];
     // in tree order, so that consecutive queries touch the same leaves
     for &index in tree.order() {
         let point = &points[index as usize];
         tree.k_nearest_into(point, neighbors, &mut found);
         let scatter = scatter(points, point, &found);
-        normals[index as usize] = towards(&normal_of(&scatter, viewpoint - point), &(viewpoint - point));
+        let (normal, across) = normal_of(&scatter, viewpoint - point);
+        normals[index as usize] = towards(&normal, &(viewpoint - point));
+        // the fit of a line (plane) takes D degrees of freedom
+        variances[index as usize] = across / found.len().saturating_sub(D).max(1) as f64;
     }
-    Ok(normals)
+    Ok(Surface { normals, variances })
 }
 
 /// Scatter matrix of the neighbours, summed about `point` so that large coordinates lose no digits.
@@ -40,13 +51,17 @@ fn scatter<const D: usize>(
     squares - sum * sum.transpose() / neighbors.len().max(1) as f64
 }
 
-fn normal_of<const D: usize>(scatter: &SMatrix<f64, D, D>, fallback: SVector<f64, D>) -> SVector<f64, D> {
+fn normal_of<const D: usize>(
+    scatter: &SMatrix<f64, D, D>,
+    fallback: SVector<f64, D>,
+) -> (SVector<f64, D>, f64) {
     let (axis, values) = smallest_axis(scatter);
     // rank below D - 1: no line (plane) is defined, so the direction of sight serves
     if values[1.min(D - 1)] > 1e-12 * values[D - 1] && values[D - 1] > 0.0 {
-        axis
+        (axis, values[0])
     } else {
-        fallback.try_normalize(0.0).unwrap_or_else(|| SVector::from_fn(|i, _| f64::from(u8::from(i == 0))))
+        let along = fallback.try_normalize(0.0);
+        (along.unwrap_or_else(|| SVector::from_fn(|i, _| f64::from(u8::from(i == 0)))), values[0])
     }
 }
 
@@ -67,6 +82,70 @@ pub(crate) fn smallest_axis<const D: usize>(m: &SMatrix<f64, D, D>) -> (SVector<
         let values = SVector::from_fn(|i, _| if i == 0 { (mean - radius).max(0.0) } else { mean + radius });
         return (axis, values);
     }
+    if D == 3
+        && let Some(found) = smallest_axis_of_three(m)
+    {
+        return found;
+    }
     let (values, vectors) = symmetric_eigen(m);
     (vectors.column(0).into_owned(), values.map(|v| v.max(0.0)))
+}
+
+/// The closed form for three dimensions (trigonometric roots of the characteristic polynomial); `None` when the
+/// two smaller eigenvalues are too close for it to tell the axis.
+fn smallest_axis_of_three<const D: usize>(
+    m: &SMatrix<f64, D, D>,
+) -> Option<(SVector<f64, D>, SVector<f64, D>)> {
+    let mean = (m[(0, 0)] + m[(1, 1)] + m[(2, 2)]) / 3.0;
+    let (a, b, c) = (m[(0, 0)] - mean, m[(1, 1)] - mean, m[(2, 2)] - mean);
+    let (d, e, f) = (m[(0, 1)], m[(0, 2)], m[(1, 2)]);
+    let p = ((a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)) / 6.0).sqrt();
+    if p <= 1e-9 * mean {
+        return None;
+    }
+    let determinant = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e);
+    let phi = (0.5 * determinant / (p * p * p)).clamp(-1.0, 1.0).acos() / 3.0;
+    let high = mean + 2.0 * p * phi.cos();
+    let low = mean + 2.0 * p * (phi + 2.0 * std::f64::consts::FRAC_PI_3).cos();
+    let rows = [[m[(0, 0)] - low, d, e], [d, m[(1, 1)] - low, f], [e, f, m[(2, 2)] - low]];
+    // the axis is normal to all rows: the longest cross product is the best conditioned
+    let (mut axis, mut longest) = ([0.0; 3], 0.0);
+    for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+        let (u, v) = (rows[i], rows[j]);
+        let cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let length = cross.iter().map(|x| x * x).sum::<f64>();
+        if length > longest {
+            (axis, longest) = (cross, length);
+        }
+    }
+    if longest.sqrt() <= 1e-4 * p * p {
+        return None;
+    }
+    let length = longest.sqrt();
+    let values = [low.max(0.0), 3.0 * mean - low - high, high];
+    Some((SVector::from_fn(|i, _| axis[i] / length), SVector::from_fn(|i, _| values[i])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, Vector3};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn closed_form_agrees_with_jacobi(
+            entries in prop::array::uniform9(-1.0..1.0f64),
+            flat in prop_oneof![Just(0.0), Just(1e-6), Just(1e-2), Just(1.0)],
+        ) {
+            let basis = Matrix3::from_row_slice(&entries);
+            let m = basis * Matrix3::from_diagonal(&Vector3::new(flat, 1.0, 2.0)) * basis.transpose();
+            let (axis, values) = smallest_axis(&m);
+            let (expected, vectors) = symmetric_eigen(&m);
+            prop_assume!(expected[1] - expected[0] > 1e-6 * expected[2] && expected[2] > 1e-6);
+            prop_assert!((values - expected.map(|v| v.max(0.0))).norm() < 1e-7 * expected[2]);
+            let sine = axis.cross(&vectors.column(0)).norm();
+            prop_assert!(sine < 1e-8 * expected[2] / (expected[1] - expected[0]), "{sine:e}");
+        }
+    }
 }

@@ -9,7 +9,7 @@ use super::target::{Target, centre};
 use super::{IcpParams, Matcher, Optimizer, Residual};
 use crate::Error;
 use crate::cloud::Cloud;
-use crate::kd_tree::KdTree;
+use crate::kd_tree::{KdTree, TwoNearest};
 use crate::linalg::pseudo_solve;
 use crate::motion::RigidMotion;
 
@@ -30,6 +30,7 @@ pub(crate) struct Problem<'a, const D: usize> {
     /// Source points about their mean.
     pub(crate) points: Vec<SVector<f64, D>>,
     pub(crate) normals: Option<&'a [SVector<f64, D>]>,
+    pub(crate) variances: Option<&'a [f64]>,
     /// Mean of the source points.
     pub(crate) centre: SVector<f64, D>,
     /// Root mean square distance of the source points from their mean: turns radians into metres.
@@ -105,6 +106,7 @@ impl<'a, const D: usize> Problem<'a, D> {
             radius: if mean_sq > 0.0 { mean_sq.sqrt() } else { 1.0 },
             points,
             normals: if both { source.normals() } else { None },
+            variances: source.variances(),
             centre,
             source_tree,
             matched: Vec::new(),
@@ -122,6 +124,18 @@ impl<'a, const D: usize> Problem<'a, D> {
     fn to_pose<const N: usize, G: RigidMotion<D, N>>(&self, pose: &Pose<D>) -> G {
         let translation = pose.translation - pose.rotation * self.centre + self.target.origin;
         G::from_matrix(&pose.rotation, &translation).renormalize()
+    }
+
+    /// The pair of one source point at another pose, found afresh.
+    pub(crate) fn nearest_pair(&self, index: usize, pose: &Pose<D>) -> Option<Pair> {
+        let x = pose.rotation * self.points[index] + pose.translation;
+        let mut found = TwoNearest::within(self.params.max_distance * self.params.max_distance);
+        self.target.tree.search(&x, &mut found);
+        (found.position != u32::MAX).then_some(Pair {
+            source: index as u32,
+            target: found.position,
+            distance_sq: found.distance_sq,
+        })
     }
 
     /// Fills `matched` and `kept`.

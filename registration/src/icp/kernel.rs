@@ -59,6 +59,14 @@ impl Kernel {
         }
     }
 
+    /// Derivative of the influence `w(r²) r` of a residual with respect to one of its `dimensions` coordinates,
+    /// averaged over their directions.
+    pub(crate) fn slope(&self, residual_sq: f64, dimensions: usize) -> f64 {
+        let (w, step) = (self.weight(residual_sq), 1e-6 * residual_sq.max(1e-12));
+        let dw = (self.weight(residual_sq + step) - w) / step;
+        w + 2.0 * residual_sq * dw / dimensions as f64
+    }
+
     /// Its scale, metres; `None` for least squares.
     pub fn scale(&self) -> Option<f64> {
         match *self {

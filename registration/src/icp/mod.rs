@@ -12,4 +12,5 @@ pub use kernel::Kernel;
 pub use outcome::{Registration, ResidualStatistics, Termination};
 pub use params::{Covariance, IcpParams, Matcher, Optimizer, Residual, StopRule};
 pub use rejector::Rejector;
+pub(crate) use target::centre;
 pub use target::{Overlap, Target};

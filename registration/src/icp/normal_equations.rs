@@ -103,7 +103,8 @@ pub(crate) fn term<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     }
 }
 
-/// `(C_n + C_m)⁻¹` for flat covariances `C_v = I - (1 - ε) v vᵀ`.
+/// `2 ε (C_n + C_m)⁻¹` for flat covariances `C_v = I - (1 - ε) v vᵀ`: 1 across parallel planes, so that residuals
+/// are in metres.
 ///
 /// `C_n + C_m = 2 I - a (n nᵀ + m mᵀ)` with `a = 1 - ε` has the eigenvectors `n ± m` with `2 - a (1 ± n·m)` and 2
 /// elsewhere, so no matrix needs inverting.
@@ -115,12 +116,13 @@ pub(crate) fn plane_to_plane_weight<const D: usize>(
     let a = 1.0 - FLATNESS;
     let c = n.dot(m);
     let (plus, minus) = (n + m, n - m);
-    let mut weight = SMatrix::<f64, D, D>::identity() * 0.5;
+    let across = 2.0 * FLATNESS;
+    let mut weight = SMatrix::<f64, D, D>::identity() * (0.5 * across);
     // |n ± m|² = 2 (1 ± c); where it vanishes, so does the factor's numerator
     for (axis, cosine) in [(plus, c), (minus, -c)] {
         let norm_sq = axis.norm_squared();
         if norm_sq > 1e-18 {
-            let factor = (1.0 / (2.0 - a * (1.0 + cosine)) - 0.5) / norm_sq;
+            let factor = across * (1.0 / (2.0 - a * (1.0 + cosine)) - 0.5) / norm_sq;
             weight += axis * axis.transpose() * factor;
         }
     }

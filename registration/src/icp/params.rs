@@ -62,8 +62,12 @@ impl Default for StopRule {
 /// Which covariance comes with the answer.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Covariance {
-    /// `σ² H⁻¹` with `σ²` from the residuals: the pairs taken as right.
+    /// `K⁻¹ A K⁻¹`: `A` the variance of the score as the residuals show it, one draw a target point, `K` the
+    /// curvature found by moving the scan and letting points change partners. The noise is estimated, needs not
+    /// be equal everywhere, and uncertain pairs are part of it. Costs `2 N` more associations.
     #[default]
+    Sandwich,
+    /// `σ² H⁻¹` with `σ²` from the residuals: the pairs taken as right, the noise as equal.
     Residual,
     /// `scale · mean(d²) · I` over the pairs within `radius`, metres and radians alike. It measures the spacing
     /// of the points and not the uncertainty; kept for comparison with systems that use it.
@@ -111,12 +115,13 @@ impl IcpParams {
             kernel: Kernel::None,
             optimizer: Optimizer::GaussNewton,
             stop: StopRule { max_iterations: 50, translation: 1e-3, rotation: 1e-4, window: 1 },
-            covariance: Covariance::Residual,
+            covariance: Covariance::Sandwich,
             overlap_radius: 0.5,
         }
     }
 
-    /// For 2-D laser scans: point to line with a Cauchy kernel. Needs normals on the target.
+    /// For 2-D laser scans: point to line with a Cauchy kernel. Needs normals on the target; estimated normals on
+    /// the source, too, make the covariance better.
     pub fn laser_2d() -> Self {
         Self {
             max_distance: 1.0,

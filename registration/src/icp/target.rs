@@ -16,6 +16,8 @@ pub struct Target<const D: usize> {
     pub(crate) tree: KdTree<D>,
     /// Normals in tree order.
     pub(crate) normals: Option<Vec<SVector<f64, D>>>,
+    /// Noise variances across the surface in tree order.
+    pub(crate) variances: Option<Vec<f64>>,
 }
 
 /// Shares of points that have a partner in the other cloud.
@@ -46,7 +48,8 @@ impl<const D: usize> Target<D> {
         let (origin, centred) = centre(cloud.points());
         let tree = KdTree::new(&centred)?;
         let normals = cloud.normals().map(|n| tree.order().iter().map(|&i| n[i as usize]).collect());
-        Ok(Self { origin, tree, normals })
+        let variances = cloud.variances().map(|v| tree.order().iter().map(|&i| v[i as usize]).collect());
+        Ok(Self { origin, tree, normals, variances })
     }
 
     /// Number of points.

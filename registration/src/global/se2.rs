@@ -1,0 +1,409 @@
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+use std::f64::consts::PI;
+
+use nalgebra::{Isometry2, Rotation2, Vector2};
+
+use super::near_grid::NearGrid;
+use crate::cloud::Cloud;
+use crate::error::check;
+use crate::icp::{IcpParams, Rejector, Residual, StopRule, Target};
+use crate::{Error, RigidMotion};
+
+/// What a global search looks for, and where.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SearchParams {
+    /// Half width of the square searched for the source's centroid, metres, about where the start puts it.
+    pub translation: f64,
+    /// Half width of the rotations searched, radians; π or more searches all.
+    pub rotation: f64,
+    /// Distance `τ` at which a point counts as not seen, metres. Default 0.3: ten times the noise of a laser.
+    pub truncation: f64,
+    /// Share of the points that count, those that fit best. Default 1.
+    pub keep: f64,
+    /// The search ends when no pose can beat the best by more than this share of `τ²`. Default 0.05; a
+    /// smaller gap costs boxes by about its third power.
+    pub gap: f64,
+    /// Number of separate modes wanted, the best first. Default 1.
+    pub modes: usize,
+    /// Two poses are separate modes when the centroid differs by more than this, metres, or the rotation by
+    /// more than [`SearchParams::separation_rotation`]. Default 0.5.
+    pub separation: f64,
+    /// See [`SearchParams::separation`], radians. Default 0.2.
+    pub separation_rotation: f64,
+    /// Source points used at most, evenly drawn. Default 200.
+    pub max_points: usize,
+    /// Boxes examined at most for each mode. Default 300 000.
+    pub max_nodes: usize,
+}
+
+impl SearchParams {
+    /// A search about a start that is roughly right: 30° either way, and few boxes, since the polished pose is
+    /// found early and the certificate is what takes long.
+    pub fn near_start(translation: f64) -> Self {
+        Self { translation, rotation: PI / 6.0, max_nodes: 20_000, ..Self::default() }
+    }
+}
+
+impl Default for SearchParams {
+    fn default() -> Self {
+        Self {
+            translation: 5.0,
+            rotation: PI,
+            truncation: 0.3,
+            keep: 1.0,
+            gap: 0.05,
+            modes: 1,
+            separation: 0.5,
+            separation_rotation: 0.2,
+            max_points: 200,
+            max_nodes: 300_000,
+        }
+    }
+}
+
+/// One local optimum of a global search.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mode {
+    /// Maps source points into the target's frame.
+    pub target_from_source: Isometry2<f64>,
+    /// Mean of `min(d, τ)²` over the points that count, m².
+    pub cost: f64,
+    /// `1 - cost / τ²`: 1 when every point lies on a target point, 0 when none is near one.
+    pub score: f64,
+    /// No pose of its search region costs less than this, m². For a rival the region leaves out the modes before.
+    pub lower_bound: f64,
+    /// Whether the search ended by its gap and not by its number of boxes.
+    pub certified: bool,
+    /// Boxes examined for it.
+    pub nodes: usize,
+}
+
+/// What a global search found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GlobalMatch {
+    /// Modes, best first; never empty.
+    pub modes: Vec<Mode>,
+}
+
+impl GlobalMatch {
+    /// The best mode.
+    pub fn best(&self) -> &Mode {
+        &self.modes[0]
+    }
+
+    /// Score of the best rival over the score of the best, in [0, 1]; near 1 the answer is ambiguous. `None`
+    /// when only one mode was asked for.
+    pub fn ambiguity(&self) -> Option<f64> {
+        let rival = self.modes.get(1)?;
+        Some(if self.modes[0].score > 0.0 { (rival.score / self.modes[0].score).min(1.0) } else { 1.0 })
+    }
+}
+
+/// Finds the pose with the least `mean min(d_i, τ)²` over a box of SE(2), by branch and bound.
+///
+/// `d_i` is the distance of a moved source point to its nearest target point. In a box of rotations within `α`
+/// and centroids within `h`, a point at radius `r` from the source's centroid strays at most
+/// `γ = 2 r sin(α/2) + √2 h` from where the box's centre puts it, so `max(0, d - γ)` bounds its distance from
+/// below. Boxes that cannot beat the best pose by the gap are dropped; the rest is halved along what adds more
+/// to `γ`. The answer is therefore within the gap of the best pose anywhere in the box.
+///
+/// * `start` – centre of the search box.
+///
+/// # Errors
+/// [`Error::TooFewPoints`], [`Error::Parameter`], [`Error::NonFinite`].
+///
+/// **Source**: the bound is that of Yang, Li, Campbell, Jia, "Go-ICP: a globally optimal solution to 3D ICP
+/// point-set registration", 2016, in the plane, where the ball of rotations is an interval and the chord exact;
+/// the cost is truncated, the search a single one over all three dimensions.
+pub fn branch_and_bound_2d(
+    target: &Target<2>,
+    source: &Cloud<2>,
+    start: &Isometry2<f64>,
+    params: &SearchParams,
+) -> Result<GlobalMatch, Error> {
+    check_params(params)?;
+    if source.is_empty() {
+        return Err(Error::TooFewPoints { what: "the source", found: 0, needed: 1 });
+    }
+    if !start.to_row_major().iter().all(|v| v.is_finite()) {
+        return Err(Error::NonFinite { what: "the initial pose" });
+    }
+    let search = Search::new(target, source, start, params)?;
+    let mut modes: Vec<Mode> = Vec::new();
+    for _ in 0..params.modes {
+        match search.run(&modes) {
+            Some(mode) => modes.push(mode),
+            None => break,
+        }
+    }
+    Ok(GlobalMatch { modes })
+}
+
+fn check_params(p: &SearchParams) -> Result<(), Error> {
+    check("translation", p.translation, p.translation >= 0.0 && p.translation.is_finite(), "0 or more")?;
+    check("rotation", p.rotation, p.rotation >= 0.0, "0 or more")?;
+    check("truncation", p.truncation, p.truncation > 0.0 && p.truncation.is_finite(), "more than 0")?;
+    check("keep", p.keep, p.keep > 0.0 && p.keep <= 1.0, "(0, 1]")?;
+    check("gap", p.gap, p.gap > 0.0, "more than 0")?;
+    check("separation", p.separation, p.separation > 0.0, "more than 0")?;
+    check("separation_rotation", p.separation_rotation, p.separation_rotation > 0.0, "more than 0")?;
+    check("max_points", p.max_points as f64, p.max_points > 0, "1 or more")?;
+    check("modes", p.modes as f64, p.modes > 0, "1 or more")
+}
+
+/// A box of poses; `centroid` is relative to the target's origin.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    lower: f64,
+    id: usize,
+    angle: f64,
+    centroid: Vector2<f64>,
+    half_angle: f64,
+    half_width: f64,
+}
+
+impl PartialEq for Node {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+impl Eq for Node {}
+impl PartialOrd for Node {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Node {
+    /// The heap's greatest is the box with the smallest lower bound, older first.
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.lower.total_cmp(&self.lower).then(other.id.cmp(&self.id))
+    }
+}
+
+struct Search<'a> {
+    params: &'a SearchParams,
+    target: &'a Target<2>,
+    grid: NearGrid,
+    /// Source points about their centroid, in an order that mixes near and far.
+    points: Vec<Vector2<f64>>,
+    radii: Vec<f64>,
+    mean_radius: f64,
+    source_centre: Vector2<f64>,
+    cloud: Cloud<2>,
+    start: Node,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        target: &'a Target<2>,
+        source: &Cloud<2>,
+        start: &Isometry2<f64>,
+        params: &'a SearchParams,
+    ) -> Result<Self, Error> {
+        let (source_centre, all) = crate::icp::centre(source.points());
+        let n = all.len();
+        let used = n.min(params.max_points);
+        let mut points: Vec<_> = (0..used).map(|i| all[i * n / used]).collect();
+        // a stride coprime to the length visits all in a scattered order: bounds then exceed the best early
+        let stride = (1..).map(|k| used * 2 / 5 + k).find(|s| gcd(*s, used) == 1).unwrap_or(1);
+        points = (0..used).map(|i| points[i * stride % used]).collect();
+        let radii: Vec<f64> = points.iter().map(|p| p.norm()).collect();
+        let centroid = start.transform_point(&source_centre.into()).coords - target.origin;
+        let places = (0..target.len()).map(|i| *target.tree.point_at(i));
+        Ok(Self {
+            params,
+            target,
+            grid: NearGrid::new(places, params.truncation, 16.0),
+            mean_radius: radii.iter().sum::<f64>() / used as f64,
+            radii,
+            cloud: Cloud::new(points.iter().map(|p| p + source_centre).collect())?,
+            points,
+            source_centre,
+            start: Node {
+                lower: 0.0,
+                id: 0,
+                angle: start.rotation.angle(),
+                centroid,
+                half_angle: params.rotation.min(PI),
+                half_width: params.translation,
+            },
+        })
+    }
+
+    /// The best pose outside the modes already found.
+    fn run(&self, found: &[Mode]) -> Option<Mode> {
+        let tau_sq = self.params.truncation * self.params.truncation;
+        let gap = self.params.gap * tau_sq;
+        let mut best: Option<(f64, Isometry2<f64>)> = None;
+        let mut heap = BinaryHeap::from([self.start]);
+        let (mut nodes, mut lower_bound, mut certified) = (0usize, f64::INFINITY, true);
+        let mut buffer = Vec::with_capacity(self.points.len());
+        while let Some(node) = heap.pop() {
+            let cut = best.map_or(f64::INFINITY, |b| b.0 - gap);
+            if node.lower >= cut {
+                lower_bound = lower_bound.min(node.lower);
+                break;
+            }
+            if nodes >= self.params.max_nodes {
+                lower_bound = lower_bound.min(node.lower);
+                certified = false;
+                break;
+            }
+            for mut child in self.halves(&node) {
+                nodes += 1;
+                child.id = nodes;
+                if found.iter().any(|mode| self.covers(mode, &child)) {
+                    continue;
+                }
+                let cut = best.map_or(f64::INFINITY, |b| b.0 - gap);
+                let (lower, estimate) = self.bounds(&child, cut, &mut buffer);
+                child.lower = lower.max(node.lower);
+                if best.is_none_or(|b| estimate < b.0)
+                    && let Some(better) = self.improve(&child, found, best.map_or(f64::INFINITY, |b| b.0))
+                {
+                    best = Some(better);
+                }
+                if best.is_none_or(|b| child.lower < b.0 - gap) {
+                    heap.push(child);
+                } else {
+                    lower_bound = lower_bound.min(child.lower);
+                }
+            }
+        }
+        let (cost, target_from_source) = best?;
+        let lower_bound = lower_bound.min(cost).max(0.0);
+        Some(Mode { target_from_source, cost, score: 1.0 - cost / tau_sq, lower_bound, certified, nodes })
+    }
+
+    /// The box halved along what lets its points stray more.
+    fn halves(&self, node: &Node) -> Vec<Node> {
+        let turn = 2.0 * (0.5 * node.half_angle).min(0.5 * PI).sin() * self.mean_radius;
+        if turn > std::f64::consts::SQRT_2 * node.half_width {
+            let half = 0.5 * node.half_angle;
+            [-half, half].map(|d| Node { angle: node.angle + d, half_angle: half, ..*node }).to_vec()
+        } else {
+            let half = 0.5 * node.half_width;
+            [(-half, -half), (-half, half), (half, -half), (half, half)]
+                .map(|(x, y)| Node {
+                    centroid: node.centroid + Vector2::new(x, y),
+                    half_width: half,
+                    ..*node
+                })
+                .to_vec()
+        }
+    }
+
+    /// A lower bound of the cost in the box, and an estimate of the cost at its centre. The sum stops at `cut`.
+    fn bounds(&self, node: &Node, cut: f64, buffer: &mut Vec<f64>) -> (f64, f64) {
+        let tau = self.params.truncation;
+        let chord = 2.0 * (0.5 * node.half_angle).min(0.5 * PI).sin();
+        let shift = std::f64::consts::SQRT_2 * node.half_width;
+        let exact = chord * self.mean_radius + shift < self.grid.slack;
+        let rotation = Rotation2::new(node.angle);
+        let (n, half_slack) = (self.points.len() as f64, 0.5 * self.grid.slack);
+        let (mut lower, mut estimate) = (0.0, 0.0);
+        let trimmed = self.params.keep < 1.0;
+        buffer.clear();
+        for (point, radius) in self.points.iter().zip(&self.radii) {
+            let place = rotation * point + node.centroid;
+            let (bound, near) = if exact {
+                let d = self.target.tree.nearest_within(&place, tau).map_or(tau, |n| n.distance_sq.sqrt());
+                (d, d)
+            } else {
+                let d = self.grid.bound(&place);
+                (d, (d + half_slack).min(tau))
+            };
+            let least = (bound - radius * chord - shift).max(0.0);
+            lower += least * least;
+            estimate += near * near;
+            if trimmed {
+                buffer.push(least * least);
+            } else if lower > cut * n {
+                return (lower / n, f64::INFINITY);
+            }
+        }
+        if trimmed {
+            (self.mean_kept(buffer), estimate / n * self.params.keep)
+        } else {
+            (lower / n, estimate / n)
+        }
+    }
+
+    /// Mean of the smallest values, a share `keep` of them.
+    fn mean_kept(&self, squares: &mut [f64]) -> f64 {
+        let kept = ((squares.len() as f64 * self.params.keep).ceil() as usize).clamp(1, squares.len());
+        if kept < squares.len() {
+            squares.select_nth_unstable_by(kept - 1, f64::total_cmp);
+        }
+        squares[..kept].iter().sum::<f64>() / kept as f64
+    }
+
+    fn cost(&self, pose: &Isometry2<f64>) -> f64 {
+        let tau = self.params.truncation;
+        let mut squares: Vec<f64> = self
+            .cloud
+            .points()
+            .iter()
+            .map(|p| {
+                let place = pose.transform_point(&(*p).into()).coords - self.target.origin;
+                self.target.tree.nearest_within(&place, tau).map_or(tau * tau, |n| n.distance_sq)
+            })
+            .collect();
+        self.mean_kept(&mut squares)
+    }
+
+    /// Polishes the centre of a box; `None` when that does not beat `best`.
+    fn improve(&self, node: &Node, found: &[Mode], best: f64) -> Option<(f64, Isometry2<f64>)> {
+        let rotation = Rotation2::new(node.angle);
+        let translation = node.centroid + self.target.origin - rotation * self.source_centre;
+        let centre = Isometry2::new(translation, node.angle);
+        let params = IcpParams {
+            max_distance: self.params.truncation,
+            rejectors: vec![Rejector::Trimmed { keep: self.params.keep }],
+            residual: Residual::PointToPoint,
+            stop: StopRule { max_iterations: 15, ..StopRule::default() },
+            ..IcpParams::sonar_2d()
+        };
+        let polished = self.target.align(&self.cloud, &centre, &params).ok().map(|r| r.target_from_source);
+        let outside = |pose: &Isometry2<f64>| {
+            let place = pose.transform_point(&self.source_centre.into()).coords - self.target.origin;
+            let inside = (place - self.start.centroid).amax() <= self.start.half_width
+                && angle_between(pose.rotation.angle(), self.start.angle) <= self.start.half_angle;
+            inside && !found.iter().any(|mode| self.is_near(mode, pose))
+        };
+        [Some(centre), polished]
+            .into_iter()
+            .flatten()
+            .filter(outside)
+            .map(|pose| (self.cost(&pose), pose))
+            .filter(|(cost, _)| *cost < best)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    fn is_near(&self, mode: &Mode, pose: &Isometry2<f64>) -> bool {
+        let centre = self.source_centre.into();
+        let apart = (mode.target_from_source.transform_point(&centre) - pose.transform_point(&centre)).norm();
+        apart <= self.params.separation
+            && angle_between(mode.target_from_source.rotation.angle(), pose.rotation.angle())
+                <= self.params.separation_rotation
+    }
+
+    /// Whether a box lies wholly within the separation of a mode.
+    fn covers(&self, mode: &Mode, node: &Node) -> bool {
+        let place =
+            mode.target_from_source.transform_point(&self.source_centre.into()).coords - self.target.origin;
+        let reach = (node.centroid - place).norm() + std::f64::consts::SQRT_2 * node.half_width;
+        let turn = angle_between(mode.target_from_source.rotation.angle(), node.angle) + node.half_angle;
+        reach <= self.params.separation && turn <= self.params.separation_rotation
+    }
+}
+
+fn angle_between(a: f64, b: f64) -> f64 {
+    let d = (a - b).rem_euclid(2.0 * PI);
+    d.min(2.0 * PI - d)
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
