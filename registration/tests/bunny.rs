@@ -7,10 +7,8 @@ use draco_registration::{Cloud, Target, io::read_points};
 use nalgebra::{Isometry3, Vector3};
 
 fn data(file: &str) -> Option<Vec<Vector3<f64>>> {
-    let root = std::env::var("DRACO_DATA").map_or_else(
-        |_| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        PathBuf::from,
-    );
+    let root = std::env::var("DRACO_DATA")
+        .map_or_else(|_| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
     let path = root.join("registration/goicp").join(file);
     if !path.exists() {
         assert!(std::env::var("DRACO_REQUIRE_DATA").is_err(), "{} is missing", path.display());

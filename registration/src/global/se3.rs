@@ -276,7 +276,9 @@ impl<'a> Search<'a> {
         }
         let pose = self.target.align(self.all, &coarse, &self.polish)?.target_from_source;
         let moved = self.start.translation.vector - pose.translation.vector;
-        let inside = moved.amax() <= self.params.translation;
+        let turned = (self.start.rotation.inverse() * pose.rotation).log();
+        let inside = moved.amax() <= self.params.translation
+            && (self.params.rotation >= PI || turned.amax() <= self.params.rotation);
         let cost = self.cost(self.all, &pose);
         if inside && cost < best.0 {
             *best = (cost, pose);

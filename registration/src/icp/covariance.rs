@@ -20,7 +20,7 @@ const DEGENERATE_SHARE: f64 = 1.0 / 3.0;
 const MOST_SELECTION: f64 = 4.0;
 
 /// Source points that try each motion at most, evenly drawn; the rest would change the curvature by little.
-const MOST_PROBES: usize = 1000;
+const MOST_PROBES: usize = 500;
 
 pub(crate) struct Uncertainty<const N: usize> {
     pub(crate) covariance: SMatrix<f64, N, N>,
