@@ -207,7 +207,8 @@ impl LocalSlam {
             graph.add_custom(std::sync::Arc::new(factor), Kernel::None)?;
             if let Some(scan) = &step.scan {
                 let information = scan.information + Matrix3::identity() * UNKNOWN;
-                graph.add_between(key(k), key(k + 1), scan.measured, information, Kernel::None)?;
+                let kernel = Kernel::Cauchy(self.params.step_cauchy);
+                graph.add_between(key(k), key(k + 1), scan.measured, information, kernel)?;
             }
         }
         for closure in self.closures.iter().filter(|closure| closure.accepted) {

@@ -25,6 +25,10 @@ pub struct LocalSlamParams {
     pub step: CorrelativeParams,
     /// Least score of a step match. Default 0.35: a third of the points has to lie on the map.
     pub step_min_score: f64,
+    /// Scale of the Cauchy kernel on what a scan says about a step, in its standard deviations. Default 2: odometry, once
+    /// calibrated, is right to half a metre, so a match that contradicts it by more is more likely a scan that slid along
+    /// a wall.
+    pub step_cauchy: f64,
     /// Loop closures within the robot's own map.
     pub loops: LoopParams,
     /// Test of those closures against each other.
@@ -42,6 +46,7 @@ impl Default for LocalSlamParams {
             scale_sigma: 0.15,
             step: CorrelativeParams::default(),
             step_min_score: 0.35,
+            step_cauchy: 2.0,
             loops: LoopParams::default(),
             pcm: PcmParams { minimum: 2, ..PcmParams::default() },
         }
