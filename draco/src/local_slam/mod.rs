@@ -269,7 +269,11 @@ impl LocalSlam {
             let odometry = scaled(&step.odometry, self.scale);
             let (measured, covariance, kind) = match &step.scan {
                 Some(scan) => {
-                    let (measured, covariance) = scan.fused(&odometry, &prior);
+                    // The weight the kernel gives it in this map, so that a plain graph of these factors has the
+                    // same optimum.
+                    let relative = self.poses[k].between(&self.poses[k + 1]);
+                    let weighed = scan.weighed(&relative, self.params.step_cauchy);
+                    let (measured, covariance) = weighed.fused(&odometry, &prior);
                     (measured, covariance, FactorKind::Match)
                 }
                 None => (odometry, prior, FactorKind::Odometry),

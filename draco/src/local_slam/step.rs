@@ -45,6 +45,13 @@ impl ScanFactor {
         })
     }
 
+    /// The factor with the information a Cauchy kernel of this scale leaves it at the estimate `relative`.
+    pub(super) fn weighed(&self, relative: &Isometry2<f64>, scale: f64) -> Self {
+        let error = self.measured.between(relative).log();
+        let chi2 = error.dot(&(self.information * error));
+        Self { information: self.information / (1.0 + chi2 / (scale * scale)), ..*self }
+    }
+
     /// The product of this and odometry: pose and covariance.
     pub(super) fn fused(
         &self,
