@@ -68,7 +68,7 @@ impl AlignmentParams {
 
     /// Whether registrations under an alignment confirm it (`Some(true)`) or refute it; `None` while there are too few.
     pub fn judge(&self, passed: usize, tested: usize) -> Option<bool> {
-        (tested >= self.min_tested).then(|| passed as f64 >= self.min_share * tested as f64)
+        (tested >= self.min_tested).then_some(passed as f64 >= self.min_share * tested as f64)
     }
 }
 
