@@ -18,16 +18,20 @@ pub mod gcm;
 pub mod gkcm;
 mod pair_test;
 mod pcm;
+mod pcm_stream;
 mod pose;
 mod selection;
 pub mod simulate;
 mod trajectory;
 
 pub use closure::{Closure, Closure2, Closure3, PoseKey};
-pub use gcm::{Gcm, GcmParams, GroupParams, PooledParams, Verdict, gcm, gcm_group, gcm_pooled};
+pub use gcm::{
+    Event, Gcm, GcmOnline, GcmParams, GroupParams, PooledParams, Verdict, gcm, gcm_group, gcm_pooled,
+};
 pub use gkcm::{CycleParams, KConsistency, Range, RangeParams, cycle_consistency, range_consistency};
 pub use pair_test::PairTest;
 pub use pcm::{PcmParams, pcm};
+pub use pcm_stream::{Change, Pcm};
 pub use pose::{Pose, isotropic_covariance};
 pub use selection::{FailedPair, Reason, Rejection, Selection};
 pub use trajectory::{

@@ -30,7 +30,8 @@ pub struct PairTest<'a, G, const N: usize> {
 }
 
 /// What one closure brings to every pair it is in.
-struct End<G, const N: usize> {
+#[derive(Debug, Clone)]
+pub(crate) struct End<G, const N: usize> {
     k: usize,
     i: usize,
     first_from_second: G,
@@ -62,13 +63,28 @@ impl<'a, G: Pose<N>, const N: usize> PairTest<'a, G, N> {
             }
             ends.push(End::new(trajectories, index, closure)?);
         }
-        Ok(Self {
+        Ok(Self::of_ends(trajectories, robots.unwrap_or_default(), ends, limit))
+    }
+
+    /// The test over closures prepared before.
+    pub(crate) fn of_ends(
+        trajectories: &'a Trajectories<G, N>,
+        (first, second): (u32, u32),
+        ends: Vec<End<G, N>>,
+        limit: f64,
+    ) -> Self {
+        Self {
             ends,
-            first: robots.and_then(|(first, _)| trajectories.get(first)),
-            second: robots.and_then(|(_, second)| trajectories.get(second)),
-            same_robot: robots.is_some_and(|(first, second)| first == second),
+            first: trajectories.get(first),
+            second: trajectories.get(second),
+            same_robot: first == second,
             limit,
-        })
+        }
+    }
+
+    /// Gives the prepared closures back.
+    pub(crate) fn into_ends(self) -> Vec<End<G, N>> {
+        self.ends
     }
 
     /// Number of closures.
@@ -124,7 +140,11 @@ impl<'a, G: Pose<N>, const N: usize> PairTest<'a, G, N> {
 }
 
 impl<G: Pose<N>, const N: usize> End<G, N> {
-    fn new(trajectories: &Trajectories<G, N>, index: usize, closure: &Closure<G, N>) -> Result<Self, Error> {
+    pub(crate) fn new(
+        trajectories: &Trajectories<G, N>,
+        index: usize,
+        closure: &Closure<G, N>,
+    ) -> Result<Self, Error> {
         let closure = closure.with_source_robot(closure.robots().0);
         let x_k = trajectories.of(index, closure.source)?.poses()[closure.source.index];
         let x_i = trajectories.of(index, closure.target)?.poses()[closure.target.index];

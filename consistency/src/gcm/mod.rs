@@ -1,12 +1,61 @@
 //! Group consistency: closures of one place and time are wrong together, so they vote together.
 //!
-//! Start with [`gcm`](crate::gcm()); [`gcm_pooled`], [`gcm_group`] and [`one_vote`] are rules to compare with.
+//! Start with [`gcm`](crate::gcm()); online, use [`GcmOnline`]. [`gcm_pooled`], [`gcm_group`] and [`one_vote`] are rules
+//! to compare with.
+//!
+//! # The model
+//!
+//! Robots `r` have map frames; `F_r` places the map of `r` in the reference's, to first order
+//! `F_true = exp(δ_r) F_r`. Closure `m`, pose `k` of robot `r` seen from pose `i` of robot `q`, implies one map
+//! transform and one residual in the common frame (origin at the centre of the overlap):
+//!
+//! ```text
+//! T_m = X_rk Z_m⁻¹ X_qi⁻¹        ρ_m = log(F_r T_m F_q⁻¹)
+//! ρ_m = δ_q - δ_r + z_q(i) - z_r(k) - A_m (η_m + β_g)        A_m = Ad(F_r X_rk)
+//! ```
+//!
+//! There the adjoint between any two nodes is the identity, so closures are differences of node values: `z` is the
+//! drift of a robot (`Cov(z(k), z(l)) = V(min(k, l))` for an odometry chain, joint marginals for an optimised map),
+//! `η` the registration noise, `β_g` the bias common to the group. A group is in one of the states
+//!
+//! * **good** (π): `β ~ N(0, S_b)`, a narrow spike;
+//! * **slip** ((1-π)(1-p_O) p_T): a shift `τ ~ N(0, S_T)` in the common frame. Slips are *shared*: a further slipped
+//!   group repeats an earlier slip `t` with probability `α n_t / Σ n`, so equal slips are no proof of truth;
+//! * **yaw slip** ((1-π)(1-p_O)(1-p_T)): `β ~ N(0, S_Y)` about its place;
+//! * **gross** ((1-π) p_O): `β ~ N(0, S_O)`.
+//!
+//! A prior on a map transform is one more vote, good with `π_P`, else with a wide tail; `δ ~ N(0, base)` without any.
+//! Neighbouring groups cut from one run share their state with `κ = exp(-(D/ℓ)²)`.
+//!
+//! Closures of one group that agree (exact clique of pair tests, in which a common bias cancels) collapse to their
+//! mean, one vote. For two votes `g`, `h`
+//!
+//! ```text
+//! K_gh = Σ over shared robots  s_g s_h (mean V_r(min(k, l)) + base)  +  [g = h] mean(A S Aᵀ)/n_g
+//! K_H  = K + the state's own S_b, S_T, S_Y or S_O  +  S_T between votes that share a slip
+//! score(H) = Σ log prior(state) + log N(ρ; 0, K_H)
+//! P_g = Σ over hypotheses with g good of softmax(score)
+//! ```
+//!
+//! A beam over the states keeps the Cholesky factor of `K_H` with each hypothesis; with an unlimited beam it is exact.
+//! Accept from `P ≥ 0.85`, reject up to `0.25`, otherwise **undecided**. An accepted closure goes to the pose graph with
+//! `c S + n_g S_b`, so a group weighs like one vote.
+//!
+//! # Limits
+//!
+//! * One neighbour, one group, no prior: bias and truth have the same likelihood, `P = π`; undecided is the only honest
+//!   answer.
+//! * A majority of equal slips without prior or cycle looks like the truth. Raise `alpha` in lattices known to alias.
+//! * The reference's own scene slipped equally against every neighbour is consistent with every cycle.
+//! * Slips that follow the prior's error agree with it: register from several starts, or lower `prior_sound`.
+//! * A slip smaller than the drift between groups is invisible: close own loops first.
 mod beam;
 mod clusters;
 mod frames;
 mod group_cost;
 mod grouping;
 mod one_vote;
+mod online;
 mod params;
 mod pooled;
 mod posterior;
@@ -16,6 +65,7 @@ mod votes;
 pub(crate) use frames::{Frames, implied};
 pub use group_cost::{Aggregate, GroupParams, Objective, gcm_group};
 pub use one_vote::one_vote;
+pub use online::{Event, GcmOnline};
 pub use params::{GapUnit, GcmParams, Sigma};
 pub use pooled::{PooledParams, gcm_pooled};
 pub use posterior::{Gcm, GroupPosterior, gcm};

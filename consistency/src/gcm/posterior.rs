@@ -84,6 +84,15 @@ pub(crate) fn gcm_with_history<const N: usize, G: Pose<N>>(
     }
     let teams = Teams::new(closures, priors, params.reference);
     let canonical: Vec<_> = closures.iter().map(|c| c.with_source_robot(teams.source_of(c))).collect();
+    // in one direction too, so that telling a prior the other way round changes no bit
+    let priors: Vec<_> = priors
+        .iter()
+        .map(|p| {
+            let (first, second) = (p.source.min(p.target), p.source.max(p.target));
+            let target = if teams.reference_of.get(&second) == Some(&second) { second } else { first };
+            if p.target == target { *p } else { p.reversed() }
+        })
+        .collect();
     let transforms: Vec<G> = canonical.iter().map(|c| implied(trajectories, c)).collect();
     let stations = stations(trajectories, &canonical, params.unit);
     let (clusters, noise_scale) = clusters(trajectories, &canonical, &stations, params)?;
@@ -92,7 +101,7 @@ pub(crate) fn gcm_with_history<const N: usize, G: Pose<N>>(
         closures: &canonical,
         transforms: &transforms,
         stations: &stations,
-        priors,
+        priors: &priors,
         clusters: &clusters,
         noise_scale,
         params,

@@ -1,0 +1,136 @@
+use std::collections::BTreeMap;
+
+use crate::clique::Incremental;
+use crate::pair_test::{End, gate};
+use crate::pcm::judge;
+use crate::{Closure, Error, PairTest, PcmParams, Pose, Selection, Trajectories, Trajectory};
+
+/// [`pcm`](crate::pcm()) one closure at a time: after every insert the accepted set is what a batch over all closures
+/// so far may give (of several largest sets, the one held is kept).
+///
+/// An insert costs one pair test a closure of the same robot pair and an incremental clique step.
+///
+/// ```
+/// use draco_consistency::simulate::{Harbor, harbor};
+/// use draco_consistency::{Pcm, PcmParams};
+/// use nalgebra::Isometry2;
+/// use rand::SeedableRng;
+///
+/// let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+/// let team = harbor::<3, Isometry2<f64>>(&Harbor::default(), &mut rng)?;
+/// let mut stream = Pcm::new(team.trajectories, PcmParams::default())?;
+/// for closure in &team.closures {
+///     let change = stream.insert(closure)?;
+///     assert!(change.accepted.iter().all(|c| !change.withdrawn.contains(c)));
+/// }
+/// assert!(!stream.selection().accepted.is_empty());
+/// # Ok::<(), draco_consistency::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Pcm<G, const N: usize> {
+    trajectories: Trajectories<G, N>,
+    params: PcmParams,
+    limit: f64,
+    closures: Vec<Closure<G, N>>,
+    sets: BTreeMap<(u32, u32), PairSet<G, N>>,
+}
+
+/// How an insert changed the accepted set; indices count the closures in the order of their inserts.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Change {
+    /// Accepted now and not before.
+    pub accepted: Vec<usize>,
+    /// Accepted before and not now.
+    pub withdrawn: Vec<usize>,
+}
+
+/// The closures of one robot pair.
+#[derive(Debug, Clone)]
+struct PairSet<G, const N: usize> {
+    members: Vec<usize>,
+    ends: Vec<End<G, N>>,
+    cliques: Incremental,
+}
+
+impl<G: Pose<N>, const N: usize> Pcm<G, N> {
+    /// Without closures.
+    ///
+    /// # Errors
+    /// A probability outside (0, 1).
+    pub fn new(trajectories: Trajectories<G, N>, params: PcmParams) -> Result<Self, Error> {
+        let limit = gate::<N>(params.probability)?;
+        Ok(Self { trajectories, params, limit, closures: Vec::new(), sets: BTreeMap::new() })
+    }
+
+    /// Adds a closure, numbered next.
+    ///
+    /// # Errors
+    /// An unknown pose, a bad pose or covariance; the closure is then not added.
+    pub fn insert(&mut self, closure: &Closure<G, N>) -> Result<Change, Error> {
+        let index = self.closures.len();
+        closure.check(index)?;
+        self.trajectories.of(index, closure.source)?;
+        self.trajectories.of(index, closure.target)?;
+        let end = End::new(&self.trajectories, index, closure)?;
+        let robots = closure.robots();
+        let budget = self.params.budget;
+        let set = self.sets.entry(robots).or_insert_with(|| PairSet {
+            members: Vec::new(),
+            ends: Vec::new(),
+            cliques: Incremental::new(budget),
+        });
+        let before = set.accepted(self.params.minimum);
+        let mut ends = std::mem::take(&mut set.ends);
+        ends.push(end);
+        let test = PairTest::of_ends(&self.trajectories, robots, ends, self.limit);
+        let own = test.len() - 1;
+        let neighbors: Vec<usize> = (0..own).filter(|&other| test.agree(other, own)).collect();
+        set.ends = test.into_ends();
+        set.members.push(index);
+        set.cliques.insert(&neighbors)?;
+        self.closures.push(*closure);
+        let after = set.accepted(self.params.minimum);
+        Ok(Change {
+            accepted: after.iter().filter(|c| !before.contains(c)).copied().collect(),
+            withdrawn: before.iter().filter(|c| !after.contains(c)).copied().collect(),
+        })
+    }
+
+    /// Replaces a robot's trajectory, for example after an optimisation, and tests its closures anew.
+    ///
+    /// # Errors
+    /// A closure so far names a pose that the new trajectory does not have.
+    pub fn set_trajectory(&mut self, robot: u32, trajectory: Trajectory<G, N>) -> Result<(), Error> {
+        let mut fresh = Self::new(self.trajectories.clone(), self.params.clone())?;
+        fresh.trajectories.insert(robot, trajectory);
+        for closure in &self.closures {
+            fresh.insert(closure)?;
+        }
+        *self = fresh;
+        Ok(())
+    }
+
+    /// The accepted set now, and for every other closure why not.
+    pub fn selection(&self) -> Selection {
+        let mut selection = Selection::default();
+        for (&robots, set) in &self.sets {
+            let test = PairTest::of_ends(&self.trajectories, robots, set.ends.clone(), self.limit);
+            let mut chosen = set.cliques.best().vertices.clone();
+            chosen.sort_unstable();
+            judge(&test, &set.members, &chosen, self.params.minimum, &mut selection);
+        }
+        selection.sort();
+        selection
+    }
+}
+
+impl<G, const N: usize> PairSet<G, N> {
+    fn accepted(&self, minimum: usize) -> Vec<usize> {
+        let vertices = &self.cliques.best().vertices;
+        if vertices.len() < minimum {
+            Vec::new()
+        } else {
+            vertices.iter().map(|&v| self.members[v]).collect()
+        }
+    }
+}
