@@ -36,15 +36,65 @@ pub fn principal_eigenvector(affinity: &Affinity, start: Option<&[f64]>) -> Eige
         x = ones();
         normalize(&mut x);
     }
-    let mut best = Eigenvector { vector: x, value: 0.0, iterations: 0, residual: 0.0 };
+    let mut found = largest_eigenvector(|x, y| affinity.apply(x, y), x);
+    for v in &mut found.vector {
+        *v = v.abs();
+    }
+    found
+}
+
+/// The same under the constraint that all rows (of the smaller side; of both if equal) have the same sum, as the
+/// rows of an assignment have; entries may be negative.
+///
+/// **Source**: Cour, Srinivasan, Shi, "Balanced graph matching" (SMAC), 2006.
+pub fn smac(affinity: &Affinity) -> Eigenvector {
+    let (n, m) = (affinity.rows(), affinity.columns());
+    let mut x = vec![1.0; n * m];
+    normalize(&mut x);
+    let mut found = largest_eigenvector(
+        |x, y| {
+            affinity.apply(x, y);
+            balance(y, n, m);
+        },
+        x,
+    );
+    if found.vector.iter().sum::<f64>() < 0.0 {
+        found.vector.iter_mut().for_each(|v| *v = -*v);
+    }
+    found
+}
+
+/// Projects onto matrices whose row sums (if n ≤ m) and whose column sums (if n ≥ m) are all equal.
+fn balance(x: &mut [f64], n: usize, m: usize) {
+    if n == 0 || m == 0 {
+        return;
+    }
+    let rows: Vec<f64> = x.chunks_exact(m).map(|row| row.iter().sum()).collect();
+    let mut columns = vec![0.0; m];
+    for row in x.chunks_exact(m) {
+        columns.iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
+    }
+    let total: f64 = rows.iter().sum();
+    for (row, sum) in x.chunks_exact_mut(m).zip(rows) {
+        for (x, column) in row.iter_mut().zip(&columns) {
+            if n <= m {
+                *x -= (sum - total / n as f64) / m as f64;
+            }
+            if n >= m {
+                *x -= (column - total / m as f64) / n as f64;
+            }
+        }
+    }
+}
+
+/// Restarted Lanczos for a symmetric operator; `start` has norm 1.
+fn largest_eigenvector(apply: impl Fn(&[f64], &mut [f64]), start: Vec<f64>) -> Eigenvector {
+    let mut best = Eigenvector { vector: start, value: 0.0, iterations: 0, residual: 0.0 };
     for _ in 0..RESTARTS {
-        best = lanczos(affinity, best);
+        best = lanczos(&apply, best);
         if best.residual <= TOLERANCE {
             break;
         }
-    }
-    for v in &mut best.vector {
-        *v = v.abs();
     }
     best
 }
@@ -62,13 +112,13 @@ fn normalize(x: &mut [f64]) -> f64 {
     norm
 }
 
-fn lanczos(affinity: &Affinity, from: Eigenvector) -> Eigenvector {
+fn lanczos(apply: &impl Fn(&[f64], &mut [f64]), from: Eigenvector) -> Eigenvector {
     let mut basis = vec![from.vector];
     let (mut diagonal, mut off) = (Vec::new(), Vec::new());
     loop {
         let k = diagonal.len();
         let mut next = vec![0.0; basis[k].len()];
-        affinity.apply(&basis[k], &mut next);
+        apply(&basis[k], &mut next);
         diagonal.push(dot(&next, &basis[k]));
         // Twice is enough: the second pass removes what rounding left of the first.
         for _ in 0..2 {

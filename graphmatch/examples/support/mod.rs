@@ -1,4 +1,7 @@
-//! Problem files of pairs of object maps with their answers.
+//! Problem files of pairs of object maps with their answers, and pictures of matched maps.
+#![allow(dead_code, reason = "each example uses its part")]
+
+use std::fmt::Write;
 
 use std::path::Path;
 
@@ -70,4 +73,51 @@ impl Problem {
         });
         Score { precision: share(pairs.len()), recall: share(self.gt.len()), success }
     }
+}
+
+/// Both maps side by side with a line from each object of a pair to its partner.
+pub(crate) fn picture(map1: &[Object], map2: &[Object], pairs: &[Pair]) -> String {
+    let (from1, size1) = frame(map1);
+    let (from2, size2) = frame(map2);
+    let (gap, margin) = (12.0, 6.0);
+    let place1 = |o: &Object| (o.centroid - from1) + Vector2::new(margin, margin);
+    let place2 = |o: &Object| (o.centroid - from2) + Vector2::new(margin + size1.x + gap, margin);
+    let (width, height) = (size1.x + gap + size2.x + 2.0 * margin, size1.y.max(size2.y) + 2.0 * margin);
+    let mut svg = format!(
+        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width:.1} {height:.1}' width='900'>\n\
+         <rect width='100%' height='100%' fill='white'/>\n"
+    );
+    for p in pairs {
+        let (a, b) = (place1(&map1[p.first]), place2(&map2[p.second]));
+        let line = (a.x, height - a.y, b.x, height - b.y);
+        let _ = writeln!(
+            svg,
+            "<line x1='{:.2}' y1='{:.2}' x2='{:.2}' y2='{:.2}' stroke='#2a9d54' stroke-width='0.25'/>",
+            line.0, line.1, line.2, line.3
+        );
+    }
+    let places1 = map1.iter().map(|o| (place1(o), o, "#1f4e9c"));
+    for (p, o, colour) in places1.chain(map2.iter().map(|o| (place2(o), o, "#c0392b"))) {
+        let _ = writeln!(
+            svg,
+            "<ellipse cx='{:.2}' cy='{:.2}' rx='{:.2}' ry='{:.2}' fill='{colour}' fill-opacity='0.6'/>",
+            p.x,
+            height - p.y,
+            0.5 * o.length,
+            0.5 * o.breadth
+        );
+    }
+    svg.push_str("</svg>\n");
+    svg
+}
+
+/// Lower corner and size of the box around a map's centres.
+fn frame(map: &[Object]) -> (Point2<f64>, Vector2<f64>) {
+    let mut low = Vector2::repeat(f64::INFINITY);
+    let mut high = -low;
+    for o in map {
+        low = low.inf(&o.centroid.coords);
+        high = high.sup(&o.centroid.coords);
+    }
+    (Point2::from(low), high - low)
 }

@@ -1,3 +1,5 @@
+use std::f64::consts::TAU;
+
 use nalgebra::{Isometry2, Point2};
 
 use super::problem::Problem;
@@ -9,6 +11,12 @@ pub(super) struct Explanation {
     pub(super) map1_from_map2: Isometry2<f64>,
     /// Pairs in order of the first index.
     pub(super) pairs: Vec<(usize, usize)>,
+    /// Objects in the common area, the mean of both maps' counts, by rarity.
+    pub(super) inside: f64,
+    /// Evidence of the pairs alone.
+    pub(super) pair_sum: f64,
+    /// What repeated structure took off the evidence of the pairs.
+    pub(super) discounted: f64,
     /// Logarithm of the likelihood of both maps given the transform, over their likelihood as unrelated maps.
     pub(super) log_likelihood: f64,
     /// The same with the transform unknown beforehand: times prior and width of the peak.
@@ -75,24 +83,76 @@ pub(super) fn ties(problem: &Problem, pairs: &[(usize, usize)]) -> Vec<Tie> {
 }
 
 fn weigh(problem: &Problem, transform: Isometry2<f64>, pairs: Vec<(usize, usize)>) -> Option<Explanation> {
-    let pair_sum: f64 = pairs
-        .iter()
-        .map(|&(i, a)| {
-            let distance_sq = (problem.p1[i] - transform * problem.p2[a]).norm_squared();
-            problem.gain(i, a) - 0.5 * distance_sq / problem.variance(i, a)
-        })
-        .sum();
-    let log_likelihood = pair_sum + log_detection(problem, &transform, pairs.len());
+    let (mut pair_sum, mut plain_sum) = (0.0, 0.0);
+    for &(i, a) in &pairs {
+        let distance_sq = (problem.p1[i] - transform * problem.p2[a]).norm_squared();
+        let chi2 = distance_sq / problem.variance(i, a);
+        pair_sum += problem.worth(i, a, chi2);
+        plain_sum += problem.gain(i, a) - 0.5 * chi2;
+    }
+    let common = Common::new(problem, &transform, &pairs);
+    let inside = 0.5 * (common.inside1 + common.inside2);
+    let log_likelihood = pair_sum + log_detection(common.inside1 + common.inside2, common.paired);
     let information = information(&ties(problem, &pairs));
     let determinant = information.determinant();
     if !(determinant.is_finite() && determinant > 0.0) {
         return None;
     }
-    let peak = 1.5 * std::f64::consts::TAU.ln() - 0.5 * determinant.ln();
+    let peak = 1.5 * TAU.ln() - 0.5 * determinant.ln();
+    let log_evidence = log_likelihood + peak + log_prior(problem, &common);
+    let discounted = plain_sum - pair_sum;
+    Some(Explanation {
+        map1_from_map2: transform,
+        pairs,
+        inside,
+        pair_sum,
+        discounted,
+        log_likelihood,
+        log_evidence,
+    })
+}
+
+/// Objects in the area that both maps cover, each counted by its rarity.
+struct Common {
+    inside1: f64,
+    inside2: f64,
+    paired: f64,
+    /// Share of all objects that lie in the common area, not weighed.
+    share: f64,
+}
+
+impl Common {
+    fn new(problem: &Problem, transform: &Isometry2<f64>, pairs: &[(usize, usize)]) -> Self {
+        let inverse = transform.inverse();
+        let mut inside1: Vec<bool> =
+            problem.p1.iter().map(|p| problem.window2.contains(&(inverse * p))).collect();
+        let mut inside2: Vec<bool> =
+            problem.p2.iter().map(|p| problem.window1.contains(&(transform * p))).collect();
+        // A pair at the rim may have an end outside.
+        for &(i, a) in pairs {
+            inside1[i] = true;
+            inside2[a] = true;
+        }
+        let count = |inside: &[bool], rarity: &[f64]| -> f64 {
+            inside.iter().zip(rarity).filter(|(inside, _)| **inside).map(|(_, rarity)| rarity).sum()
+        };
+        let share = |inside: &[bool]| inside.iter().filter(|i| **i).count() as f64 / inside.len() as f64;
+        Self {
+            inside1: count(&inside1, &problem.rarity1),
+            inside2: count(&inside2, &problem.rarity2),
+            paired: pairs.iter().map(|&(i, a)| 0.5 * (problem.rarity1[i] + problem.rarity2[a])).sum(),
+            share: 0.5 * (share(&inside1) + share(&inside2)),
+        }
+    }
+}
+
+/// Density of the transform before looking at the objects: any angle, and any overlap as likely as any other.
+///
+/// Poses spread evenly over the plane would overlap by a share f with density −ln f (two squares), mostly hardly at
+/// all; robots that compare maps were not dropped at random, so poses are weighed by 1/(−ln f).
+fn log_prior(problem: &Problem, common: &Common) -> f64 {
     let side = problem.window1.area.sqrt() + problem.window2.area.sqrt();
-    let log_prior = -(std::f64::consts::TAU * side * side).ln();
-    let log_evidence = log_likelihood + peak + log_prior;
-    Some(Explanation { map1_from_map2: transform, pairs, log_likelihood, log_evidence })
+    -(TAU * side * side).ln() - (-common.share.min(0.95).ln()).ln()
 }
 
 /// What the unmatched objects say: with detection probability q, uniform on 0 … 1, of a shared object
@@ -103,22 +163,16 @@ fn weigh(problem: &Problem, transform: Isometry2<f64>, pairs: Vec<(usize, usize)
 ///
 /// where m₁, m₂ objects lie in the area that both maps cover, k of them are paired, and Λ = (m₁ + m₂)/2: the
 /// ratio of a Poisson field thinned to the common objects over two independent fields of the same density.
-fn log_detection(problem: &Problem, transform: &Isometry2<f64>, paired: usize) -> f64 {
-    let inverse = transform.inverse();
-    let inside1 = problem.p1.iter().filter(|p| problem.window2.contains(&(inverse * **p))).count();
-    let inside2 = problem.p2.iter().filter(|p| problem.window1.contains(&(transform * **p))).count();
-    log_detection_of(inside1.max(paired), inside2.max(paired), paired)
-}
-
-fn log_detection_of(m1: usize, m2: usize, k: usize) -> f64 {
-    const STEPS: usize = 48;
-    let (k, lone, mean) = (k as f64, (m1 + m2 - 2 * k) as f64, 0.5 * (m1 + m2) as f64);
-    let value = |step: usize| {
+fn log_detection(inside: f64, paired: f64) -> f64 {
+    const STEPS: usize = 32;
+    let (lone, mean) = ((inside - 2.0 * paired).max(0.0), 0.5 * inside);
+    let mut values = [0.0; STEPS];
+    for (step, value) in values.iter_mut().enumerate() {
         let q = (step as f64 + 0.5) / STEPS as f64;
-        mean * q + k * q.ln() + lone * (-q).ln_1p()
-    };
-    let largest = (0..STEPS).map(value).fold(f64::NEG_INFINITY, f64::max);
-    let sum: f64 = (0..STEPS).map(|step| (value(step) - largest).exp()).sum();
+        *value = mean * q + paired * q.ln() + lone * (-q).ln_1p();
+    }
+    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let sum: f64 = values.iter().map(|value| (value - largest).exp()).sum();
     largest + (sum / STEPS as f64).ln()
 }
 

@@ -18,28 +18,28 @@ struct Ray {
     object: usize,
 }
 
-/// The best turn about every admissible pair, best first.
+/// The best turn about every admissible pair whose first object is among `pivots`, best first.
 ///
 /// For each pair (i, a) taken as the pivot, each other pair (j, b) of equal distance from the pivot votes for the
 /// turn that brings b onto j, with a width that its noise allows; the turn with the largest sum of votes wins.
-/// Cost O(N M k log k) for k votes a pivot.
-pub(super) fn hypotheses(problem: &Problem) -> Vec<Hypothesis> {
+/// Cost O(N M k) for k votes a pivot.
+pub(super) fn hypotheses(problem: &Problem, pivots: impl Iterator<Item = usize>) -> Vec<Hypothesis> {
     let rays1 = rays(&problem.p1, problem.params.min_edge);
     let rays2 = rays(&problem.p2, problem.params.min_edge);
-    let mut found = Vec::with_capacity(problem.p1.len() * problem.p2.len());
-    let mut votes = Votes::default();
-    for (i, from1) in rays1.iter().enumerate() {
+    let longest = rays1.iter().filter_map(|r| r.last()).map(|r| r.distance).fold(0.0, f64::max);
+    let mut votes = Votes::new(problem, longest);
+    let mut found = Vec::new();
+    for i in pivots {
         for (a, from2) in rays2.iter().enumerate() {
-            let gain = problem.gain(i, a);
-            if gain == f64::NEG_INFINITY {
+            if problem.gain(i, a) == f64::NEG_INFINITY {
                 continue;
             }
-            votes.collect(problem, (i, a), from1, from2);
+            votes.collect(problem, (i, a), &rays1[i], from2);
             if let Some((score, angle)) = votes.best() {
                 let rotation = UnitComplex::new(angle);
                 let translation = problem.p1[i].coords - rotation * problem.p2[a].coords;
                 found.push(Hypothesis {
-                    score: score + gain,
+                    score: score + problem.worth(i, a, 0.0),
                     pivot: (i, a),
                     map1_from_map2: Isometry2::from_parts(translation.into(), rotation),
                 });
@@ -67,19 +67,22 @@ fn rays(points: &[Point2<f64>], shortest: f64) -> Vec<Vec<Ray>> {
         .collect()
 }
 
-/// Weighted intervals of turns.
-#[derive(Default)]
+/// Sum of votes for every turn, as its changes from bin to bin.
 struct Votes {
-    /// Angle and change of the sum at it.
-    ends: Vec<(f64, f64)>,
-    /// Sum at angle -π.
-    wrapped: f64,
+    changes: Vec<f64>,
 }
 
 impl Votes {
+    /// As many bins as the narrowest vote, of the longest edge, asks for; a first pass of a refinement looks
+    /// further than a bin is wide.
+    fn new(problem: &Problem, longest: f64) -> Self {
+        let narrowest = problem.params.gate * problem.largest_sigma / longest.max(1e-9);
+        let bins = ((TAU / narrowest).min(1024.0) as usize).next_power_of_two().clamp(64, 1024);
+        Self { changes: vec![0.0; bins] }
+    }
+
     fn collect(&mut self, problem: &Problem, (i, a): (usize, usize), from1: &[Ray], from2: &[Ray]) {
-        self.ends.clear();
-        self.wrapped = 0.0;
+        self.changes.fill(0.0);
         let cut = problem.params.gate * std::f64::consts::SQRT_2 * problem.largest_sigma;
         let mut low = 0;
         for ray1 in from1 {
@@ -90,10 +93,10 @@ impl Votes {
                 // The difference of two edges of equal pairs has the variance of both their ends.
                 let variance = problem.variance(i, a) + problem.variance(ray1.object, ray2.object);
                 let difference = ray1.distance - ray2.distance;
-                let weight =
-                    problem.gain(ray1.object, ray2.object) - 0.5 * difference * difference / variance;
+                let weight = problem.worth(ray1.object, ray2.object, difference * difference / variance);
                 if weight > 0.0 {
-                    let width = problem.params.gate * variance.sqrt() / ray1.distance;
+                    // Two standard deviations: wider votes make more turns look alike than right ones gain.
+                    let width = 2.0 * variance.sqrt() / ray1.distance;
                     self.add(ray1.angle - ray2.angle, width.min(0.5 * PI), weight);
                 }
             }
@@ -101,26 +104,30 @@ impl Votes {
     }
 
     fn add(&mut self, angle: f64, half_width: f64, weight: f64) {
-        let wrap = |x: f64| x - TAU * (x / TAU).round();
-        let (from, to) = (wrap(angle - half_width), wrap(angle + half_width));
-        if from > to {
-            self.wrapped += weight;
+        let bins = self.changes.len();
+        let scale = bins as f64 / TAU;
+        // Angles lie in (-2π, 2π) and widths below π/2: three turns up makes all positive.
+        let bin = |x: f64| ((x + 3.0 * TAU) * scale) as usize & (bins - 1);
+        let (from, to) = (bin(angle - half_width), (bin(angle + half_width) + 1) & (bins - 1));
+        self.changes[from] += weight;
+        self.changes[to] -= weight;
+        if to < from {
+            self.changes[0] += weight;
         }
-        self.ends.push((from, weight));
-        self.ends.push((to, -weight));
     }
 
-    /// Largest sum and the middle of the interval that has it.
-    fn best(&mut self) -> Option<(f64, f64)> {
-        self.ends.sort_unstable_by(|x, y| x.0.total_cmp(&y.0));
-        let (mut sum, mut best) = (self.wrapped, None::<(f64, f64)>);
-        for (k, &(angle, change)) in self.ends.iter().enumerate() {
+    /// Largest sum and its turn; `None` without votes.
+    fn best(&self) -> Option<(f64, f64)> {
+        let (mut sum, mut best, mut from, mut to) = (0.0, 0.0, 0, 0);
+        for (k, change) in self.changes.iter().enumerate() {
             sum += change;
-            if best.is_none_or(|(s, _)| sum > s) {
-                let next = self.ends.get(k + 1).map_or(angle, |e| e.0);
-                best = Some((sum, 0.5 * (angle + next)));
+            if sum > best + 1e-9 {
+                (best, from, to) = (sum, k, k);
+            } else if to + 1 == k && sum >= best - 1e-9 {
+                to = k;
             }
         }
-        best
+        let middle = 0.5 * (from + to + 1) as f64 * TAU / self.changes.len() as f64;
+        (best > 0.0).then_some((best, middle))
     }
 }

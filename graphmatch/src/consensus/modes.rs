@@ -5,6 +5,7 @@ use super::ConsensusParams;
 use super::evidence::{Explanation, middle, refine, ties};
 use super::hypotheses::hypotheses;
 use super::problem::Problem;
+use super::rarity::rarity;
 use crate::object::check_map;
 use crate::rigid::information;
 use crate::{Error, Match, Mode, Object, Pair, Similarity, Verdict};
@@ -22,18 +23,25 @@ pub fn consensus(
     params.check()?;
     check_map(map1, "map1")?;
     check_map(map2, "map2")?;
-    let problem = Problem::new(map1, map2, similarity, params);
+    let mut problem = Problem::new(map1, map2, similarity, params);
+    problem.rarity1 = rarity(map1, params);
+    problem.rarity2 = rarity(map2, params);
     let found = separate_modes(&problem);
     Ok(judge(&problem, found))
 }
+
+/// Evidence, in nats, behind the best that no detection term makes up for.
+const HOPELESS: f64 = 20.0;
 
 /// Explanations that differ in their transform, best first.
 fn separate_modes(problem: &Problem) -> Vec<Explanation> {
     let centre = middle(&problem.p2);
     let mut found: Vec<Explanation> = Vec::new();
     let mut refined = 0;
-    for hypothesis in hypotheses(problem) {
-        if refined >= problem.params.max_hypotheses {
+    let mut best_sum = f64::NEG_INFINITY;
+    for hypothesis in hypotheses(problem, 0..problem.p1.len()) {
+        // A hypothesis' score is more than its pairs will be worth, so nothing below can come near the best.
+        if refined >= problem.params.max_hypotheses || hypothesis.score < best_sum - HOPELESS {
             break;
         }
         let known = found.iter().any(|e| {
@@ -45,6 +53,7 @@ fn separate_modes(problem: &Problem) -> Vec<Explanation> {
         }
         refined += 1;
         let Some(explanation) = refine(problem, &hypothesis.map1_from_map2) else { continue };
+        best_sum = best_sum.max(explanation.pair_sum);
         let twin = found
             .iter()
             .position(|e| same_mode(problem.params, &centre, &e.map1_from_map2, &explanation.map1_from_map2));
@@ -58,27 +67,45 @@ fn separate_modes(problem: &Problem) -> Vec<Explanation> {
     found
 }
 
-fn same_mode(params: &ConsensusParams, centre: &Point2<f64>, a: &Isometry2<f64>, b: &Isometry2<f64>) -> bool {
+pub(super) fn same_mode(
+    params: &ConsensusParams,
+    centre: &Point2<f64>,
+    a: &Isometry2<f64>,
+    b: &Isometry2<f64>,
+) -> bool {
     (a * centre - b * centre).norm() < params.mode_distance
         && a.rotation.angle_to(&b.rotation).abs() < params.mode_angle
 }
 
+/// Weighs the explanations against each other and against chance.
 fn judge(problem: &Problem, found: Vec<Explanation>) -> Match {
-    let largest = found.first().map_or(0.0, |e| e.log_evidence.max(0.0));
-    let nothing = (-largest).exp();
-    let total: f64 = nothing + found.iter().map(|e| (e.log_evidence - largest).exp()).sum::<f64>();
-    let modes: Vec<Mode> = found
-        .into_iter()
-        .take(problem.params.max_modes)
-        .filter_map(|e| mode(problem, e, largest, total))
-        .collect();
-    let verdict = match modes.first() {
-        Some(best) if best.probability >= problem.params.unique_probability => Verdict::Unique,
-        Some(_) if nothing / total < 0.5 => Verdict::Ambiguous,
+    let largest = found.first().map_or(0.0, |e| e.log_evidence.max(problem.params.log_odds_nothing));
+    let nothing = (problem.params.log_odds_nothing - largest).exp();
+    let something: f64 = found.iter().map(|e| (e.log_evidence - largest).exp()).sum();
+    let verdict = match found.first() {
+        // Repeated structure that fits shows an overlap, though not which.
+        Some(best) if best.log_evidence + best.discounted > problem.params.log_odds_nothing => {
+            let share = (best.log_evidence - largest).exp() / something;
+            // On a map that repeats itself the count of pairs says little; what is left must carry the answer.
+            let told = best.pair_sum >= DISTINCT_PAIRS * problem.place;
+            if told && share >= problem.params.unique_probability {
+                Verdict::Unique
+            } else {
+                Verdict::Ambiguous
+            }
+        }
         _ => Verdict::None,
     };
+    let modes = found
+        .into_iter()
+        .take(problem.params.max_modes)
+        .filter_map(|e| mode(problem, e, largest, nothing + something))
+        .collect();
     Match::from_modes(modes, verdict)
 }
+
+/// Pairs' worth of evidence that a unique answer needs after discounting repeated structure.
+const DISTINCT_PAIRS: f64 = 2.5;
 
 fn mode(problem: &Problem, e: Explanation, largest: f64, total: f64) -> Option<Mode> {
     let covariance = information(&ties(problem, &e.pairs)).try_inverse()?;

@@ -15,6 +15,13 @@ pub(super) struct Problem<'a> {
     variance: Vec<f64>,
     /// Evidence of a pair at distance 0: likeness and rarity of the place; -∞ where ruled out.
     gain: Vec<f64>,
+    /// The part of `gain` that comes from likeness.
+    looks: Vec<f64>,
+    /// How much the place of an object tells, 1 or less where the map repeats itself.
+    pub(super) rarity1: Vec<f64>,
+    pub(super) rarity2: Vec<f64>,
+    /// Place evidence of a pair of ordinary accuracy.
+    pub(super) place: f64,
     pub(super) largest_sigma: f64,
     pub(super) window1: Window,
     pub(super) window2: Window,
@@ -38,19 +45,38 @@ impl<'a> Problem<'a> {
         let density = ((p1.len() as f64 / window1.area) * (p2.len() as f64 / window2.area)).sqrt();
         let mut variance = Vec::with_capacity(p1.len() * p2.len());
         let mut gain = Vec::with_capacity(p1.len() * p2.len());
+        let mut all_looks = Vec::with_capacity(p1.len() * p2.len());
         for (i, v1) in var1.iter().enumerate() {
             for (a, v2) in var2.iter().enumerate() {
                 // A variance of zero would make a pair infinitely good; a millimetre is below any map's truth.
                 let v = (v1 + v2).max(1e-6);
                 variance.push(v);
                 let place = -(std::f64::consts::TAU * v * density).ln();
-                gain.push(similarity.log_ratio(i, a).map_or(f64::NEG_INFINITY, |looks| place + looks));
+                let looks = similarity.log_ratio(i, a);
+                gain.push(looks.map_or(f64::NEG_INFINITY, |looks| place + looks));
+                all_looks.push(looks.unwrap_or(f64::NEG_INFINITY));
             }
         }
         let largest_sigma = variance.iter().fold(0.0, |m: f64, v| m.max(*v)).sqrt();
         // The first pass of a refinement looks twice as far as the gate.
         let buckets = Buckets::new(&p1, 2.0 * params.gate * largest_sigma.max(1e-3));
-        Self { params, p1, p2, variance, gain, largest_sigma, window1, window2, buckets }
+        let place = -(std::f64::consts::TAU * params.position_sigma * params.position_sigma * density).ln();
+        let (rarity1, rarity2) = (vec![1.0; p1.len()], vec![1.0; p2.len()]);
+        Self {
+            params,
+            p1,
+            p2,
+            variance,
+            gain,
+            looks: all_looks,
+            rarity1,
+            rarity2,
+            place,
+            largest_sigma,
+            window1,
+            window2,
+            buckets,
+        }
     }
 
     pub(super) fn variance(&self, i: usize, a: usize) -> f64 {
@@ -59,5 +85,15 @@ impl<'a> Problem<'a> {
 
     pub(super) fn gain(&self, i: usize, a: usize) -> f64 {
         self.gain[i * self.p2.len() + a]
+    }
+
+    /// Evidence of a pair `chi2` apart, its place counted by how rare it is.
+    pub(super) fn worth(&self, i: usize, a: usize, chi2: f64) -> f64 {
+        let looks = self.looks[i * self.p2.len() + a];
+        // A pair ruled out has looks of -∞, which must not meet the -∞ of its gain.
+        if looks == f64::NEG_INFINITY {
+            return looks;
+        }
+        looks + self.rarity1[i].min(self.rarity2[a]) * (self.gain(i, a) - looks - 0.5 * chi2)
     }
 }

@@ -28,13 +28,24 @@ pub struct Dbscan {
     min_samples: usize,
     grid: Grid,
     points: Vec<Point2<f64>>,
-    /// Points of every cell, in order of insertion. Never iterated, so its order cannot show.
-    cells: HashMap<Cell, Vec<u32>>,
+    /// Occupied cells. Never iterated, so its order cannot show.
+    cells: HashMap<Cell, Members>,
     /// Neighbours of every point, itself included, counted up to `min_samples`.
     neighbours: Vec<u32>,
     /// Core neighbours of a point that is not core (fewer than `min_samples`), else empty.
     touching: Vec<Vec<u32>>,
     sets: DisjointSets,
+}
+
+/// Points of one cell. They are mutual neighbours, so its core points belong to one cluster.
+#[derive(Debug, Clone, Default)]
+struct Members {
+    /// In order of insertion.
+    points: Vec<(Point2<f64>, u32)>,
+    /// How many are not core points.
+    loose: usize,
+    /// The first that became a core point; all that did are joined with it.
+    anchor: Option<u32>,
 }
 
 impl Dbscan {
@@ -80,41 +91,72 @@ impl Dbscan {
 
     fn insert_one(&mut self, point: Point2<f64>, cell: Cell) {
         let p = self.points.len();
-        let near = self.near(&point, cell);
         self.points.push(point);
         self.sets.push();
-        self.cells.entry(cell).or_default().push(p as u32);
-        self.neighbours.push(0);
         self.touching.push(Vec::new());
-        self.neighbours[p] = (near.len() + 1).min(self.min_samples) as u32;
+        let members = self.cells.entry(cell).or_default();
+        members.points.push((point, p as u32));
+        members.loose += 1;
+        let count = self.count(&point, cell);
+        self.neighbours.push(0);
         let mut promoted = Vec::new();
-        for &q in &near {
-            let q = q as usize;
-            if !self.is_core(q) {
+        for q in self.loose_near(&point, cell) {
+            if q != p {
                 self.neighbours[q] += 1;
                 if self.is_core(q) {
                     promoted.push(q);
                 }
             }
         }
+        self.neighbours[p] = count as u32;
         if self.is_core(p) {
-            self.promote(p, &near);
+            promoted.push(p);
         } else {
             // Newly promoted neighbours add themselves below.
-            self.touching[p] = near
-                .iter()
-                .copied()
-                .filter(|&q| self.is_core(q as usize) && !promoted.contains(&(q as usize)))
-                .collect();
+            self.touching[p] = self.core_near(&point, cell, &promoted);
         }
         for q in promoted {
-            let position = self.points[q];
-            if let Some(cell) = self.grid.cell(&position) {
-                let near: Vec<u32> =
-                    self.near(&position, cell).into_iter().filter(|&r| r as usize != q).collect();
-                self.promote(q, &near);
-            }
+            self.promote(q);
         }
+    }
+
+    /// Neighbours of a point, itself included, counted up to `min_samples`.
+    fn count(&self, point: &Point2<f64>, cell: Cell) -> usize {
+        let eps_sq = self.eps * self.eps;
+        let mut count = self.cells.get(&cell).map_or(0, |m| m.points.len());
+        for members in self.around(cell).filter(|(c, _)| *c != cell).map(|(_, m)| m) {
+            if count >= self.min_samples {
+                break;
+            }
+            count += members.points.iter().filter(|(q, _)| distance_sq(point, q) <= eps_sq).count();
+        }
+        count.min(self.min_samples)
+    }
+
+    fn around(&self, (x, y): Cell) -> impl Iterator<Item = (Cell, &Members)> {
+        (0..25).map(move |k| (x + k / 5 - 2, y + k % 5 - 2)).filter_map(|c| Some((c, self.cells.get(&c)?)))
+    }
+
+    /// Neighbours that are not core points.
+    fn loose_near(&self, point: &Point2<f64>, cell: Cell) -> Vec<usize> {
+        let eps_sq = self.eps * self.eps;
+        self.around(cell)
+            .filter(|(_, members)| members.loose > 0)
+            .flat_map(|(_, members)| &members.points)
+            .filter(|(q, k)| !self.is_core(*k as usize) && distance_sq(point, q) <= eps_sq)
+            .map(|(_, k)| *k as usize)
+            .collect()
+    }
+
+    /// Neighbours that are core points, without those in `but`.
+    fn core_near(&self, point: &Point2<f64>, cell: Cell, but: &[usize]) -> Vec<u32> {
+        let eps_sq = self.eps * self.eps;
+        self.around(cell)
+            .flat_map(|(_, members)| &members.points)
+            .filter(|(q, k)| self.is_core(*k as usize) && distance_sq(point, q) <= eps_sq)
+            .map(|(_, k)| *k)
+            .filter(|k| !but.contains(&(*k as usize)))
+            .collect()
     }
 
     fn is_core(&self, p: usize) -> bool {
@@ -122,29 +164,30 @@ impl Dbscan {
     }
 
     /// Joins a new core point with its core neighbours and tells the others that they touch it.
-    fn promote(&mut self, p: usize, near: &[u32]) {
+    fn promote(&mut self, p: usize) {
         self.touching[p] = Vec::new();
-        for &q in near {
-            if self.is_core(q as usize) {
-                self.sets.union(p, q as usize);
-            } else {
-                self.touching[q as usize].push(p as u32);
-            }
+        let point = self.points[p];
+        let Some(cell) = self.grid.cell(&point) else { return };
+        let Some(members) = self.cells.get_mut(&cell) else { return };
+        members.loose -= 1;
+        let anchor = *members.anchor.get_or_insert(p as u32);
+        self.sets.union(p, anchor as usize);
+        for q in self.loose_near(&point, cell) {
+            self.touching[q].push(p as u32);
         }
-    }
-
-    fn near(&self, point: &Point2<f64>, (x, y): Cell) -> Vec<u32> {
         let eps_sq = self.eps * self.eps;
-        let mut near = Vec::new();
-        for dx in -2..=2 {
-            for dy in -2..=2 {
-                let Some(cell) = self.cells.get(&(x + dx, y + dy)) else { continue };
-                near.extend(
-                    cell.iter().copied().filter(|&q| distance_sq(point, &self.points[q as usize]) <= eps_sq),
-                );
+        let own = self.sets.root(p);
+        let mut joined = Vec::new();
+        for (_, members) in self.around(cell) {
+            // Core points without anchor await their own promotion and then find this one.
+            if members.anchor.is_some_and(|k| self.sets.root(k as usize) != own) {
+                let mut core = members.points.iter().filter(|(_, k)| self.is_core(*k as usize));
+                joined.extend(core.find(|(q, _)| distance_sq(&point, q) <= eps_sq).map(|(_, k)| *k as usize));
             }
         }
-        near
+        for q in joined {
+            self.sets.union(p, q);
+        }
     }
 
     /// Cluster number of every point in order of insertion, `None` for noise. Cost O(n).

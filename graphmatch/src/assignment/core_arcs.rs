@@ -1,0 +1,339 @@
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::Costs;
+use super::state::{NONE, State, reduce_columns};
+
+/// Cheapest arcs of a row at first.
+const ARCS: usize = 12;
+/// Share of all entries beyond which the core is no help any more.
+const MOST_OF_ALL: f64 = 0.2;
+/// Rounds of pricing before giving up.
+const ROUNDS: usize = 30;
+
+/// Solves over each row's few cheapest arcs, then looks through all entries for one that the duals contradict, adds
+/// those and goes on from there. The answer is optimal for the whole matrix, by the duals.
+///
+/// `None` where that does not pay (all rows want the same columns) or no assignment was found: the caller then
+/// takes all entries.
+///
+/// **Source**: Volgenant, "Linear and semi-assignment problems: a core oriented approach", 1996.
+pub(super) fn solve(costs: Costs) -> Option<State> {
+    let square = costs.rows == costs.columns;
+    let mut state = State::new(costs);
+    if square {
+        reduce_columns(costs, &mut state);
+    }
+    let mut core = Core::new(costs, &state)?;
+    let mut free = state.free_rows();
+    for _ in 0..ROUNDS {
+        core.reduce_rows(&mut state, &mut free);
+        core.reduce_rows(&mut state, &mut free);
+        for &row in &free {
+            core.search(costs, &mut state, row as usize)?;
+        }
+        free = core.price(costs, &state)?;
+        if free.is_empty() {
+            return Some(state);
+        }
+        if square {
+            for &row in &free {
+                let column = state.column_of_row[row as usize] as usize;
+                state.column_of_row[row as usize] = NONE;
+                state.row_of_column[column] = NONE;
+            }
+        } else {
+            // A column left idle must have dual 0, so with columns to spare the larger core starts anew.
+            state = State::new(costs);
+            free = state.free_rows();
+        }
+    }
+    None
+}
+
+struct Core {
+    /// Columns and costs of every row's arcs.
+    arcs: Vec<Vec<(u32, f64)>>,
+    /// Reduced cost above the row's least up to which arcs were taken; +∞ where all are in.
+    reach: Vec<f64>,
+    budget: usize,
+    key: Vec<f64>,
+    row_before: Vec<u32>,
+    done: Vec<u32>,
+    touched: Vec<u32>,
+    /// Columns in `done`; rounding may make a second way to one look shorter.
+    closed: Vec<bool>,
+}
+
+/// A path length that orders a heap; never NaN.
+#[derive(PartialEq, PartialOrd)]
+struct Length(f64);
+
+impl Eq for Length {}
+
+impl Ord for Length {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0)
+    }
+}
+
+impl Core {
+    fn new(costs: Costs, state: &State) -> Option<Self> {
+        let reach = typical_reach(costs, &state.v);
+        let mut core = Self {
+            arcs: vec![Vec::with_capacity(2 * ARCS); costs.rows],
+            reach: vec![reach; costs.rows],
+            budget: (MOST_OF_ALL * costs.values.len() as f64) as usize,
+            key: vec![f64::INFINITY; costs.columns],
+            row_before: vec![NONE; costs.columns],
+            done: Vec::new(),
+            touched: Vec::new(),
+            closed: vec![false; costs.columns],
+        };
+        let mut covered = vec![false; costs.columns];
+        for row in 0..costs.rows {
+            core.gather(costs, state, row)?;
+            for &(j, _) in &core.arcs[row] {
+                covered[j as usize] = true;
+            }
+        }
+        // Fewer columns than rows in play: no assignment, and typically far from one.
+        (covered.iter().filter(|c| **c).count() >= costs.rows).then_some(core)
+    }
+
+    /// Takes all arcs of a row up to its reach, the assigned one included.
+    fn gather(&mut self, costs: Costs, state: &State, row: usize) -> Option<()> {
+        let (c, v) = (costs.row(row), &state.v);
+        let limit = least_reduced(c, v) + self.reach[row];
+        let arcs = &mut self.arcs[row];
+        arcs.clear();
+        for_each_up_to(c, v, limit, |j| arcs.push((j as u32, c[j])));
+        if limit == f64::INFINITY {
+            arcs.retain(|(_, cost)| *cost < f64::INFINITY);
+        }
+        let assigned = state.column_of_row[row];
+        if assigned != NONE && !arcs.iter().any(|(j, _)| *j == assigned) {
+            arcs.push((assigned, c[assigned as usize]));
+        }
+        self.budget = self.budget.checked_sub(arcs.len())?;
+        Some(())
+    }
+
+    /// As in the dense algorithm, over the core's arcs.
+    fn reduce_rows(&self, state: &mut State, free: &mut Vec<u32>) {
+        let mut waiting = Vec::new();
+        let mut bids = 0;
+        for &start in free.iter() {
+            let mut row = start;
+            loop {
+                bids += 1;
+                let (best, second, value, next) = self.two_least(row, &state.v);
+                if next == f64::INFINITY {
+                    waiting.push(row);
+                    break;
+                }
+                let lowered = next > value;
+                let mut column = best;
+                if lowered {
+                    state.v[best] -= next - value;
+                } else if state.row_of_column[best] != NONE {
+                    column = second;
+                }
+                let driven_out = state.row_of_column[column];
+                if driven_out != NONE {
+                    if !lowered {
+                        waiting.push(row);
+                        break;
+                    }
+                    state.column_of_row[driven_out as usize] = NONE;
+                }
+                state.assign(row as usize, column);
+                if driven_out == NONE {
+                    break;
+                }
+                if bids > 30 * self.arcs.len() {
+                    waiting.push(driven_out);
+                    break;
+                }
+                row = driven_out;
+            }
+        }
+        *free = waiting;
+    }
+
+    fn two_least(&self, row: u32, v: &[f64]) -> (usize, usize, f64, f64) {
+        let mut found = (0, 0, f64::INFINITY, f64::INFINITY);
+        for &(j, c) in &self.arcs[row as usize] {
+            let r = c - v[j as usize];
+            if r < found.2 {
+                found = (j as usize, found.0, r, found.2);
+            } else if r < found.3 {
+                (found.1, found.3) = (j as usize, r);
+            }
+        }
+        found
+    }
+
+    /// Assigns a free row along a shortest path of core arcs, taking in more arcs where there is none.
+    fn search(&mut self, costs: Costs, state: &mut State, start: usize) -> Option<()> {
+        loop {
+            let end = self.shortest_path(costs, state, start);
+            if let Some(end) = end {
+                let length = self.key[end];
+                for &column in &self.done {
+                    state.v[column as usize] += self.key[column as usize] - length;
+                }
+                let before = &self.row_before;
+                state.augment(start, end, |column| before[column] as usize);
+            }
+            let mut stuck: Vec<usize> =
+                self.done.iter().map(|&j| state.row_of_column[j as usize] as usize).collect();
+            stuck.push(start);
+            for column in self.touched.drain(..) {
+                self.key[column as usize] = f64::INFINITY;
+                self.closed[column as usize] = false;
+            }
+            self.done.clear();
+            if end.is_some() {
+                return Some(());
+            }
+            if stuck.iter().all(|&row| self.reach[row] == f64::INFINITY) {
+                return None;
+            }
+            for row in stuck {
+                self.reach[row] = if self.reach[row] > 0.0 { 4.0 * self.reach[row] } else { f64::INFINITY };
+                self.budget += self.arcs[row].len();
+                self.gather(costs, state, row)?;
+                self.free_if_contradicted(state, row, start)?;
+            }
+        }
+    }
+
+    /// New arcs of an assigned row may undercut its own; the core search needs least reduced costs at assigned
+    /// arcs, so such a case is left to the dense algorithm.
+    fn free_if_contradicted(&self, state: &State, row: usize, start: usize) -> Option<()> {
+        let column = state.column_of_row[row];
+        if row == start || column == NONE {
+            return Some(());
+        }
+        let reduced = |&(j, c): &(u32, f64)| c - state.v[j as usize];
+        let own = self.arcs[row].iter().find(|(j, _)| *j == column).map(reduced)?;
+        let least = self.arcs[row].iter().map(reduced).fold(f64::INFINITY, f64::min);
+        (own <= least + tolerance(own)).then_some(())
+    }
+
+    /// The idle column that a shortest path reaches; columns passed are in `done`, with their lengths in `key`.
+    fn shortest_path(&mut self, costs: Costs, state: &State, start: usize) -> Option<usize> {
+        let mut heap = BinaryHeap::new();
+        let (mut row, mut offset) = (start, 0.0);
+        loop {
+            for &(column, c) in &self.arcs[row] {
+                let j = column as usize;
+                let length = c - state.v[j] - offset;
+                if length < self.key[j] && !self.closed[j] {
+                    if self.key[j] == f64::INFINITY {
+                        self.touched.push(column);
+                    }
+                    self.key[j] = length;
+                    self.row_before[j] = row as u32;
+                    // Idle columns first among equals.
+                    let busy = state.row_of_column[j] != NONE;
+                    heap.push(Reverse((Length(length), busy, column)));
+                }
+            }
+            let (length, column) = loop {
+                let Reverse((Length(length), _, column)) = heap.pop()?;
+                if length <= self.key[column as usize] && !self.closed[column as usize] {
+                    break (length, column as usize);
+                }
+            };
+            if state.row_of_column[column] == NONE {
+                return Some(column);
+            }
+            self.done.push(column as u32);
+            self.closed[column] = true;
+            row = state.row_of_column[column] as usize;
+            offset = costs.row(row)[column] - state.v[column] - length;
+        }
+    }
+
+    /// Rows with an entry that the duals contradict; such entries join the core.
+    fn price(&mut self, costs: Costs, state: &State) -> Option<Vec<u32>> {
+        let mut wrong = Vec::new();
+        for row in 0..costs.rows {
+            if self.reach[row] == f64::INFINITY {
+                continue;
+            }
+            let c = costs.row(row);
+            let column = state.column_of_row[row] as usize;
+            let own = c[column] - state.v[column];
+            let limit = own - tolerance(own.abs() + state.v[column].abs());
+            let before = self.arcs[row].len();
+            let arcs = &mut self.arcs[row];
+            for_each_up_to(c, &state.v, limit, |j| {
+                if !arcs[..before].iter().any(|(k, _)| *k as usize == j) {
+                    arcs.push((j as u32, c[j]));
+                }
+            });
+            let added = arcs.len() - before;
+            if added > 0 {
+                self.budget = self.budget.checked_sub(added)?;
+                wrong.push(row as u32);
+            }
+        }
+        Some(wrong)
+    }
+}
+
+/// Rounding of a reduced cost of this size.
+fn tolerance(size: f64) -> f64 {
+    1e-13 * (1.0 + size.abs())
+}
+
+fn least_reduced(c: &[f64], v: &[f64]) -> f64 {
+    const LANES: usize = 4;
+    let mut least = [f64::INFINITY; LANES];
+    let (cs, vs) = (c.chunks_exact(LANES), v.chunks_exact(LANES));
+    let tail = cs.remainder().iter().zip(vs.remainder()).map(|(c, v)| c - v).fold(f64::INFINITY, f64::min);
+    for (c, v) in cs.zip(vs) {
+        for l in 0..LANES {
+            let r = c[l] - v[l];
+            least[l] = if r < least[l] { r } else { least[l] };
+        }
+    }
+    least.into_iter().fold(tail, f64::min)
+}
+
+/// Calls `visit` with every column of reduced cost at most `limit`, testing blocks at once.
+fn for_each_up_to(c: &[f64], v: &[f64], limit: f64, mut visit: impl FnMut(usize)) {
+    const BLOCK: usize = 8;
+    for (block, (cs, vs)) in c.chunks(BLOCK).zip(v.chunks(BLOCK)).enumerate() {
+        let any = cs.iter().zip(vs).fold(false, |any, (c, v)| any | (c - v <= limit));
+        if any {
+            for (k, (c, v)) in cs.iter().zip(vs).enumerate() {
+                if c - v <= limit {
+                    visit(BLOCK * block + k);
+                }
+            }
+        }
+    }
+}
+
+/// How far above a row's least reduced cost its [`ARCS`] cheapest arcs reach: the median over some rows.
+fn typical_reach(costs: Costs, v: &[f64]) -> f64 {
+    const SAMPLES: usize = 15;
+    if costs.columns <= ARCS {
+        return f64::INFINITY;
+    }
+    let mut reaches: Vec<f64> = (0..SAMPLES.min(costs.rows))
+        .map(|k| {
+            let row = costs.row(k * costs.rows / SAMPLES.min(costs.rows));
+            let mut reduced: Vec<f64> = row.iter().zip(v).map(|(c, v)| c - v).collect();
+            let least = reduced.iter().copied().fold(f64::INFINITY, f64::min);
+            let (_, at, _) = reduced.select_nth_unstable_by(ARCS, f64::total_cmp);
+            if least < f64::INFINITY { *at - least } else { f64::INFINITY }
+        })
+        .collect();
+    reaches.sort_by(f64::total_cmp);
+    reaches[reaches.len() / 2]
+}
