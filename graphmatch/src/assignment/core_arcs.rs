@@ -2,6 +2,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::Costs;
+use super::length::Length;
 use super::state::{NONE, State, reduce_columns};
 
 /// Cheapest arcs of a row at first.
@@ -63,18 +64,6 @@ struct Core {
     touched: Vec<u32>,
     /// Columns in `done`; rounding may make a second way to one look shorter.
     closed: Vec<bool>,
-}
-
-/// A path length that orders a heap; never NaN.
-#[derive(PartialEq, PartialOrd)]
-struct Length(f64);
-
-impl Eq for Length {}
-
-impl Ord for Length {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0)
-    }
 }
 
 impl Core {

@@ -3,6 +3,7 @@
 mod core_arcs;
 mod costs;
 mod dense;
+mod length;
 mod solve;
 mod sparse;
 mod state;

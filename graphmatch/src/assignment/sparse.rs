@@ -2,6 +2,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::Assignment;
+use super::length::Length;
 use super::state::NONE;
 use crate::Error;
 
@@ -84,18 +85,6 @@ struct Search<'a> {
     key: Vec<f64>,
     before: Vec<u32>,
     closed: Vec<bool>,
-}
-
-/// A path length that orders a heap; never NaN.
-#[derive(PartialEq, PartialOrd)]
-struct Length(f64);
-
-impl Eq for Length {}
-
-impl Ord for Length {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0)
-    }
 }
 
 impl Search<'_> {
