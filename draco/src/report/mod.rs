@@ -3,9 +3,13 @@
 //! A mission fills a [`RunReport`] with raw facts; everything shown is derived from it here, so that the table, the
 //! summary and the page cannot disagree. Start with [`RunReport::table`] and [`write_run`].
 
+mod chart;
+mod html;
+mod map;
 mod output;
 mod run;
 mod summary;
+mod svg;
 mod table;
 
 pub use output::write_run;

@@ -50,6 +50,8 @@ fn stage(report: &RunReport, staging: &Path) -> Result<Vec<String>, Error> {
     for robot in &report.robots {
         files.push((format!("trajectory_{}.tum", robot.id), tum(&robot.times, &robot.trajectory)));
     }
+    files.push(("report.html".to_owned(), report.html()));
+    files.push(("map.svg".to_owned(), report.map_svg()));
     if !report.graph_g2o.is_empty() {
         files.push(("graph.g2o".to_owned(), report.graph_g2o.clone()));
     }

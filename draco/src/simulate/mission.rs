@@ -4,10 +4,10 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-use super::{KeyframePolicy, ScanParams, Scenario, World, direct_scan, follow};
+use super::{ImageParams, KeyframePolicy, ScanParams, Scenario, World, direct_scan, follow, polar_image};
 use crate::Error;
 use crate::keyframe::{Keyframe, MissionData, Recording, RobotId};
-use crate::sonar::PointFilter;
+use crate::sonar::{Cfar, CfarParams, PointFilter};
 
 /// Errors of the dead reckoning from one keyframe to the next, order x, y, θ in the vehicle's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,6 +34,8 @@ impl Default for OdometryNoise {
 pub enum ScanMode {
     /// Points straight from ray casts: cheap.
     Direct(ScanParams),
+    /// A whole polar image a keyframe, and a CFAR detector over it.
+    Image(ImageParams, CfarParams),
 }
 
 impl Default for ScanMode {
@@ -124,11 +126,25 @@ fn record(
     let odometry = dead_reckon(&truth, &params.odometry, &mut rng)?;
     let mut keyframes = Vec::new();
     for ((&(time, pose), odometry), index) in truth.iter().zip(odometry).zip(0..) {
-        let ScanMode::Direct(scan) = &params.scan;
-        let points = params.filter.apply(&direct_scan(world, &pose, scan, &mut rng)?)?;
+        let points = params.filter.apply(&scan(world, &pose, &params.scan, &mut rng)?)?;
         keyframes.push(Keyframe { index, time, odometry, points });
     }
     Ok(Recording { robot, keyframes, truth: truth.into_iter().map(|(_, pose)| Some(pose)).collect() })
+}
+
+fn scan(
+    world: &World,
+    pose: &Isometry2<f64>,
+    mode: &ScanMode,
+    rng: &mut impl Rng,
+) -> Result<Vec<Point2<f64>>, Error> {
+    match mode {
+        ScanMode::Direct(params) => direct_scan(world, pose, params, rng),
+        ScanMode::Image(params, cfar) => {
+            let image = polar_image(world, pose, params, rng)?;
+            params.fan.points(&image, &Cfar::new(*cfar)?.detect(&image))
+        }
+    }
 }
 
 fn dead_reckon(
