@@ -88,10 +88,7 @@ fn the_front_end_sees_the_world_in_a_simulated_image() {
         }
         println!("{scenario:?}: {near} of {all}");
         assert!(all > 18 * 20, "{scenario:?}: {all} points in 18 scans");
-        assert!(
-            near as f64 > 0.9 * all as f64,
-            "{scenario:?}: {near} of {all} within 0.7 m of a surface"
-        );
+        assert!(near as f64 > 0.9 * all as f64, "{scenario:?}: {near} of {all} within 0.7 m of a surface");
     }
 }
 

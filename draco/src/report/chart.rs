@@ -7,8 +7,9 @@ use super::svg::{escape, number, polyline, ticks};
 use super::{RobotReport, RunReport};
 use crate::evaluate::{Decision, TrajectoryError};
 
-/// Width of a chart in its own units.
-const WIDTH: f64 = 480.0;
+/// Widths of the charts in their own units: about what they get on a page, so that letters keep their size.
+const TRAFFIC_WIDTH: f64 = 500.0;
+const ERROR_WIDTH: f64 = 350.0;
 const HEIGHT: f64 = 230.0;
 /// Room for labels on the left, at the top, on the right and below.
 const MARGIN: [f64; 4] = [44.0, 12.0, 10.0, 30.0];
@@ -17,20 +18,21 @@ const BINS: usize = 48;
 
 /// A chart's plane: x from 0 to `right`, y from 0 to the last tick.
 struct Plane {
+    width: f64,
     right: f64,
     top: f64,
     svg: String,
 }
 
 impl Plane {
-    fn new(label: &str, right: f64, highest: f64) -> Self {
+    fn new(label: &str, width: f64, [right, highest]: [f64; 2]) -> Self {
         let ticks_y = ticks(highest, 5.0);
         let top = ticks_y.last().copied().unwrap_or(1.0);
         let right = if right > 0.0 { right } else { 1.0 };
-        let mut plane = Self { right, top, svg: String::new() };
+        let mut plane = Self { width, right, top, svg: String::new() };
         let _ = write!(
             plane.svg,
-            "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
+            "<svg class=\"chart\" viewBox=\"0 0 {width} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
             escape(label)
         );
         for tick in ticks_y {
@@ -39,7 +41,7 @@ impl Plane {
                 plane.svg,
                 "<path class=\"grid\" d=\"M{} {y:.1}H{}\"/><text class=\"y\" x=\"{}\" y=\"{:.1}\">{}</text>",
                 MARGIN[0],
-                WIDTH - MARGIN[2],
+                width - MARGIN[2],
                 MARGIN[0] - 6.0,
                 y + 3.5,
                 number(tick)
@@ -55,7 +57,7 @@ impl Plane {
 
     fn at(&self, x: f64, y: f64) -> Vector2<f64> {
         let [left, top, right, bottom] = MARGIN;
-        let across = left + x / self.right * (WIDTH - left - right);
+        let across = left + x / self.right * (self.width - left - right);
         Vector2::new(across, HEIGHT - bottom - y / self.top * (HEIGHT - top - bottom))
     }
 
@@ -63,7 +65,7 @@ impl Plane {
         let _ = write!(
             self.svg,
             "<text class=\"x name\" x=\"{}\" y=\"{}\">{}</text></svg>",
-            0.5 * (MARGIN[0] + WIDTH - MARGIN[2]),
+            0.5 * (MARGIN[0] + self.width - MARGIN[2]),
             HEIGHT - 2.0,
             escape(x_name)
         );
@@ -102,7 +104,7 @@ impl RunReport {
             }
         }
         let highest = bins.iter().map(|bin| bin.iter().sum()).fold(0.0, f64::max);
-        let mut plane = Plane::new("Traffic over time", end, highest);
+        let mut plane = Plane::new("Traffic over time", TRAFFIC_WIDTH, [end, highest]);
         for (index, bin) in bins.iter().enumerate() {
             let mut below = 0.0;
             for (kind, rate) in bin.iter().enumerate().filter(|(_, rate)| **rate > 0.0) {
@@ -135,8 +137,9 @@ impl RunReport {
             ("after", distances(&robot.trajectory, robot, &after)),
         ];
         let highest = curves.iter().flat_map(|(_, curve)| curve).map(|(_, y)| *y).fold(0.0, f64::max);
+        let last = robot.trajectory.len().saturating_sub(1) as f64;
         let label = format!("Distance of robot {} from the truth", robot.id);
-        let mut plane = Plane::new(&label, robot.trajectory.len().saturating_sub(1) as f64, highest);
+        let mut plane = Plane::new(&label, ERROR_WIDTH, [last, highest]);
         for (class, curve) in curves {
             let path = polyline(curve.into_iter().map(|(x, y)| plane.at(x, y)));
             let color = self.color_of(robot.id);
@@ -166,12 +169,16 @@ impl RunReport {
 
 fn without_numbers(reason: &str) -> String {
     let mut text = String::new();
-    for character in reason.chars() {
-        let part_of_number = character.is_ascii_digit() || (character == '.' && text.ends_with('…'));
-        if !part_of_number {
+    let mut rest = reason.chars().peekable();
+    while let Some(character) = rest.next() {
+        let in_number = text.ends_with('…');
+        let sign = character == '-' && !in_number && rest.peek().is_some_and(char::is_ascii_digit);
+        if character.is_ascii_digit() || sign {
+            if !in_number {
+                text.push('…');
+            }
+        } else if !(in_number && character == '.') {
             text.push(character);
-        } else if !text.ends_with('…') {
-            text.push('…');
         }
     }
     text
@@ -184,6 +191,7 @@ mod tests {
     #[test]
     fn reasons_differ_by_words_not_by_numbers() {
         assert_eq!(without_numbers("12.5 m above 11.34."), "… m above …");
+        assert_eq!(without_numbers("off by (-0.31, 2) m"), "off by (…, …) m");
         assert_eq!(without_numbers("overlap too small"), "overlap too small");
     }
 }

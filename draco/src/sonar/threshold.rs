@@ -56,11 +56,11 @@ pub fn threshold_factor(kind: CfarKind, training: usize, false_alarm: f64) -> Re
         let value = training as f64;
         return Err(Error::Parameter { name: "training", value, reason: "must be even and at least 2" });
     }
-    if let CfarKind::Os { rank } = kind {
-        if rank == 0 || rank > training {
-            let reason = "must be from 1 to the number of training cells";
-            return Err(Error::Parameter { name: "rank", value: rank as f64, reason });
-        }
+    if let CfarKind::Os { rank } = kind
+        && !(1..=training).contains(&rank)
+    {
+        let reason = "must be from 1 to the number of training cells";
+        return Err(Error::Parameter { name: "rank", value: rank as f64, reason });
     }
     let cells = training as f64;
     let alarm = |tau: f64| match kind {
