@@ -10,6 +10,7 @@ use draco::consistency::Method;
 use draco::keyframe::MissionData;
 use draco::mission::{self, MissionParams};
 use draco::simulate::{self, Scenario, SimulationParams};
+use draco::two_step::Optimisation;
 use draco::{dataset, report};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -41,6 +42,10 @@ struct Run {
     #[arg(long, value_name = "METHOD", default_value = "gcm")]
     consistency: Method,
 
+    /// How the team's poses are estimated: two-step, as-coded (the published code's two steps) or full.
+    #[arg(long, value_name = "WAY", default_value = "two-step")]
+    optimisation: Optimisation,
+
     /// Seed of the simulation; recorded data do not depend on it.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -65,7 +70,9 @@ fn main() -> ExitCode {
 
 fn run(arguments: &Run) -> anyhow::Result<()> {
     let data = load(arguments)?;
-    let params = MissionParams { seed: arguments.seed, method: arguments.consistency, ..Default::default() };
+    let mut params = MissionParams { seed: arguments.seed, ..Default::default() };
+    params.robot.method = arguments.consistency;
+    params.robot.optimisation = arguments.optimisation;
     let bar = progress_bar(mission::step_count(&data));
     let result = mission::run(&data, &params, |step| {
         bar.set_position(step.done);

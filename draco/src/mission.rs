@@ -7,7 +7,6 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use crate::consistency::Method;
 use crate::error::Error;
 use crate::keyframe::{MissionData, Recording};
 use crate::link::{Modem, ModemParams};
@@ -19,8 +18,6 @@ use crate::robot::{Robot, RobotParams};
 pub struct MissionParams {
     /// Seed that the data were made with; told in the report.
     pub seed: u64,
-    /// Which closures between robots to believe.
-    pub method: Method,
     /// The robots' settings, the same for all.
     pub robot: RobotParams,
     /// The modem.
@@ -34,7 +31,6 @@ impl Default for MissionParams {
     fn default() -> Self {
         MissionParams {
             seed: 0,
-            method: Method::Gcm,
             robot: RobotParams::default(),
             modem: ModemParams::default(),
             closing_steps: 200,
@@ -114,12 +110,11 @@ struct Team<'a> {
 impl<'a> Team<'a> {
     fn new(data: &'a MissionData, params: &MissionParams) -> Self {
         let recordings = &data.recordings;
-        let robot_params = RobotParams { method: params.method, ..params.robot.clone() };
         let ids: Vec<_> = recordings.iter().map(|r| r.robot).collect();
         let duration = recordings.iter().map(|r| elapsed(r, r.keyframes.len() - 1)).fold(0.0, f64::max);
         Team {
             recordings,
-            robots: ids.iter().map(|&id| Robot::new(id, robot_params.clone())).collect(),
+            robots: ids.iter().map(|&id| Robot::new(id, params.robot.clone())).collect(),
             modem: Modem::new(&params.modem, ids.iter().copied()),
             now: 0.0,
             pause: duration / step_count(data).max(1) as f64,
@@ -188,7 +183,7 @@ impl<'a> Team<'a> {
         let mut report = RunReport {
             scenario: data.name.clone(),
             seed: params.seed,
-            consistency: params.method.to_string(),
+            consistency: params.robot.method.to_string(),
             truth_has_heading: data.truth_has_heading,
             link_bits_per_second: Some(params.modem.rate_bps),
             ..Default::default()
@@ -204,6 +199,7 @@ impl<'a> Team<'a> {
             .iter()
             .map(|t| Traffic { time: t.time, robot: t.sender, kind: t.kind.into(), bits: t.bits })
             .collect();
+        report.settings.push(("optimisation".into(), params.robot.optimisation.to_string()));
         if let Some(robot) = reference {
             report.settings.push(("reference robot".into(), robot.id().to_string()));
             report.graph_g2o = robot.team_graph_g2o()?;

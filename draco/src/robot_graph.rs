@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use draco_consistency::Trajectory2;
 use draco_pgo::{Gauge, Kernel, Key, Marginals, PoseGraph2, SolveParams, solve};
-use nalgebra::{DMatrix, Isometry2};
+use nalgebra::Isometry2;
 
 use crate::error::Error;
 use crate::keyframe::RobotId;
@@ -109,18 +109,18 @@ impl RobotGraph {
     /// Those of the solver.
     pub fn trajectory(&self, touched: &[u32]) -> Result<Trajectory2, Error> {
         let marginals = Marginals::new(&self.graph(0, &self.poses)?, Gauge::HoldFirst)?;
-        let key = |index: u32| Key::new(0, index.into());
-        let mut covariance = DMatrix::zeros(3 * touched.len(), 3 * touched.len());
-        for (i, &first) in touched.iter().enumerate() {
-            for (j, &second) in touched.iter().enumerate().skip(i) {
-                let joint = marginals.joint(key(first), key(second))?;
-                let cross = if i == j { joint.first } else { joint.cross };
-                covariance.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(&cross);
-                covariance.fixed_view_mut::<3, 3>(3 * j, 3 * i).copy_from(&cross.transpose());
-            }
-        }
+        let keys: Vec<Key> = touched.iter().map(|&index| Key::new(0, index.into())).collect();
+        let covariance = marginals.joint_of(&keys)?;
         let indices: Vec<usize> = touched.iter().map(|&index| index as usize).collect();
         Ok(Trajectory2::with_joint_covariance(self.poses.clone(), &indices, &covariance)?)
+    }
+
+    /// The robot's own graph at its local poses, the first keyframe held.
+    ///
+    /// # Errors
+    /// A factor that cannot be added, which names it.
+    pub fn pose_graph(&self, robot: RobotId) -> Result<PoseGraph2, Error> {
+        self.graph(robot, &self.poses)
     }
 
     fn graph(&self, robot: RobotId, poses: &[Isometry2<f64>]) -> Result<PoseGraph2, Error> {

@@ -1,9 +1,13 @@
 //! The team's poses from everybody's own graphs and the closures between them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::str::FromStr;
 
+use draco_lie::LieGroup;
+use draco_pgo::distributed::{Link, Neighbour, TwoStepVariant, two_step};
 use draco_pgo::{Kernel, Key, PoseGraph2, SolveParams, solve};
-use nalgebra::Isometry2;
+use nalgebra::{Isometry2, Matrix3, Vector3};
 
 use crate::error::Error;
 use crate::keyframe::RobotId;
@@ -53,10 +57,44 @@ impl TeamEstimate {
 /// How the team's poses are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Optimisation {
-    /// All poses of all robots at once.
+    /// First the own poses and those of the neighbours that closures touch, with everything else the neighbours
+    /// measured condensed to these; then each neighbour's trajectory by itself.
     #[default]
+    TwoStep,
+    /// Two steps as in the published system's code: touched poses free of each other in the first, neighbours as
+    /// chains of fixed sigmas in the second.
+    AsCoded,
+    /// All poses of all robots at once.
     Full,
 }
+
+impl Optimisation {
+    /// All ways with their names on the command line.
+    pub const ALL: [(Optimisation, &'static str); 3] = [
+        (Optimisation::TwoStep, "two-step"),
+        (Optimisation::AsCoded, "as-coded"),
+        (Optimisation::Full, "full"),
+    ];
+}
+
+impl fmt::Display for Optimisation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(Optimisation::ALL.iter().find(|(way, _)| way == self).map_or("", |(_, name)| name))
+    }
+}
+
+impl FromStr for Optimisation {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names = Optimisation::ALL.map(|(_, name)| name).join(", ");
+        let found = Optimisation::ALL.iter().find(|(_, name)| *name == text);
+        found.map(|(way, _)| *way).ok_or_else(|| format!("no such way; there are {names}"))
+    }
+}
+
+/// Sigmas of a step of a neighbour's chain in the published system's code: metres, metres, radians.
+const AS_CODED_STEP_SIGMAS: [f64; 3] = [0.1, 0.1, 0.01];
 
 /// What the estimate is made of.
 #[derive(Debug, Clone)]
@@ -142,7 +180,54 @@ impl TeamProblem<'_> {
     pub fn solve(&self, optimisation: Optimisation) -> Result<TeamEstimate, Error> {
         match optimisation {
             Optimisation::Full => self.solve_full(),
+            Optimisation::TwoStep => self.solve_two_step(&TwoStepVariant::Condensed),
+            Optimisation::AsCoded => {
+                let sigmas = Vector3::from(AS_CODED_STEP_SIGMAS);
+                let chain_information = Matrix3::from_diagonal(&sigmas.map(|s| 1.0 / (s * s)));
+                self.solve_two_step(&TwoStepVariant::AsCoded { chain_information })
+            }
         }
+    }
+
+    /// The star around the reference, then each neighbour.
+    fn solve_two_step(&self, variant: &TwoStepVariant<3>) -> Result<TeamEstimate, Error> {
+        let mut joined = BTreeSet::from([self.reference]);
+        let mut links = Vec::new();
+        let mut left: Vec<&ClosureEntry> = self.closures.iter().filter(|c| self.is_known(c)).collect();
+        // closures of the reference first, then those that hang on robots already joined
+        loop {
+            let (now, later): (Vec<_>, Vec<_>) =
+                left.iter().partition(|c| joined.contains(&c.source.robot) || joined.contains(&c.target.robot));
+            if now.is_empty() {
+                break;
+            }
+            let before = joined.clone();
+            for closure in now {
+                links.push(link(closure, &before)?);
+                joined.extend([closure.source.robot, closure.target.robot]);
+            }
+            left = later;
+        }
+        let mut neighbours = Vec::new();
+        for (&robot, graph) in self.graphs.iter().filter(|(robot, _)| **robot != self.reference) {
+            let touched: BTreeSet<Key> =
+                links.iter().flat_map(|l| [l.own, l.neighbour]).filter(|k| k.robot == robot).collect();
+            if !touched.is_empty() {
+                let touched: Vec<Key> = touched.into_iter().collect();
+                neighbours.push(Neighbour::new(&graph.pose_graph(robot)?, &touched)?);
+            }
+        }
+        let own = self.graphs.get(&self.reference).ok_or(Error::NoRobots)?.pose_graph(self.reference)?;
+        let solution = two_step(&own, &links, &neighbours, variant, &SolveParams::default())?;
+        let mut trajectories: BTreeMap<RobotId, Vec<Isometry2<f64>>> = BTreeMap::new();
+        for (key, pose) in solution.own.iter().chain(&solution.neighbours) {
+            trajectories.entry(key.robot).or_default().push(*pose);
+        }
+        Ok(TeamEstimate { trajectories })
+    }
+
+    fn is_known(&self, closure: &ClosureEntry) -> bool {
+        self.local(closure.source).is_some() && self.local(closure.target).is_some()
     }
 
     /// All poses of all joined robots in one optimisation.
@@ -158,6 +243,25 @@ impl TeamProblem<'_> {
         }
         Ok(TeamEstimate { trajectories })
     }
+}
+
+/// A closure as a link that starts at a robot of `joined`.
+fn link(closure: &ClosureEntry, joined: &BTreeSet<RobotId>) -> Result<Link<Isometry2<f64>, 3>, Error> {
+    let (source, target) = (closure.source, closure.target);
+    let error = || Error::Covariance { robot: source.robot, from: target.index, to: source.index };
+    let (own, neighbour, measured, covariance) = if joined.contains(&target.robot) {
+        (target, source, closure.measured, closure.covariance)
+    } else {
+        let adjoint = closure.measured.adjoint();
+        (source, target, closure.measured.inverse(), adjoint * closure.covariance * adjoint.transpose())
+    };
+    Ok(Link {
+        own: key(own),
+        neighbour: key(neighbour),
+        measured,
+        information: covariance.try_inverse().ok_or_else(error)?,
+        kernel: CLOSURE_KERNEL,
+    })
 }
 
 fn key(keyframe: KeyframeId) -> Key {
