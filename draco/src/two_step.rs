@@ -191,30 +191,17 @@ impl TeamProblem<'_> {
 
     /// The star around the reference, then each neighbour.
     fn solve_two_step(&self, variant: &TwoStepVariant<3>) -> Result<TeamEstimate, Error> {
-        let mut joined = BTreeSet::from([self.reference]);
-        let mut links = Vec::new();
-        let mut left: Vec<&ClosureEntry> = self.closures.iter().filter(|c| self.is_known(c)).collect();
-        // closures of the reference first, then those that hang on robots already joined
-        loop {
-            let (now, later): (Vec<_>, Vec<_>) =
-                left.iter().partition(|c| joined.contains(&c.source.robot) || joined.contains(&c.target.robot));
-            if now.is_empty() {
-                break;
-            }
-            let before = joined.clone();
-            for closure in now {
-                links.push(link(closure, &before)?);
-                joined.extend([closure.source.robot, closure.target.robot]);
-            }
-            left = later;
-        }
+        let known =
+            self.closures.iter().filter(|c| self.local(c.source).is_some() && self.local(c.target).is_some());
+        let links = known.map(|c| self.link(c)).collect::<Result<Vec<_>, _>>()?;
         let mut neighbours = Vec::new();
         for (&robot, graph) in self.graphs.iter().filter(|(robot, _)| **robot != self.reference) {
             let touched: BTreeSet<Key> =
                 links.iter().flat_map(|l| [l.own, l.neighbour]).filter(|k| k.robot == robot).collect();
             if !touched.is_empty() {
                 let touched: Vec<Key> = touched.into_iter().collect();
-                neighbours.push(Neighbour::new(&graph.pose_graph(robot)?, &touched)?);
+                let start = self.reference_from_map.get(&robot).copied();
+                neighbours.push(Neighbour { start, ..Neighbour::new(&graph.pose_graph(robot)?, &touched)? });
             }
         }
         let own = self.graphs.get(&self.reference).ok_or(Error::NoRobots)?.pose_graph(self.reference)?;
@@ -226,8 +213,23 @@ impl TeamProblem<'_> {
         Ok(TeamEstimate { trajectories })
     }
 
-    fn is_known(&self, closure: &ClosureEntry) -> bool {
-        self.local(closure.source).is_some() && self.local(closure.target).is_some()
+    /// A closure as a link; it starts at the reference if it touches it.
+    fn link(&self, closure: &ClosureEntry) -> Result<Link<Isometry2<f64>, 3>, Error> {
+        let (source, target) = (closure.source, closure.target);
+        let error = || Error::Covariance { robot: source.robot, from: target.index, to: source.index };
+        let (own, neighbour, measured, covariance) = if source.robot != self.reference {
+            (target, source, closure.measured, closure.covariance)
+        } else {
+            let adjoint = closure.measured.adjoint();
+            (source, target, closure.measured.inverse(), adjoint * closure.covariance * adjoint.transpose())
+        };
+        Ok(Link {
+            own: key(own),
+            neighbour: key(neighbour),
+            measured,
+            information: covariance.try_inverse().ok_or_else(error)?,
+            kernel: CLOSURE_KERNEL,
+        })
     }
 
     /// All poses of all joined robots in one optimisation.
@@ -243,25 +245,6 @@ impl TeamProblem<'_> {
         }
         Ok(TeamEstimate { trajectories })
     }
-}
-
-/// A closure as a link that starts at a robot of `joined`.
-fn link(closure: &ClosureEntry, joined: &BTreeSet<RobotId>) -> Result<Link<Isometry2<f64>, 3>, Error> {
-    let (source, target) = (closure.source, closure.target);
-    let error = || Error::Covariance { robot: source.robot, from: target.index, to: source.index };
-    let (own, neighbour, measured, covariance) = if joined.contains(&target.robot) {
-        (target, source, closure.measured, closure.covariance)
-    } else {
-        let adjoint = closure.measured.adjoint();
-        (source, target, closure.measured.inverse(), adjoint * closure.covariance * adjoint.transpose())
-    };
-    Ok(Link {
-        own: key(own),
-        neighbour: key(neighbour),
-        measured,
-        information: covariance.try_inverse().ok_or_else(error)?,
-        kernel: CLOSURE_KERNEL,
-    })
 }
 
 fn key(keyframe: KeyframeId) -> Key {

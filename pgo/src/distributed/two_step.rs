@@ -33,6 +33,9 @@ pub struct Neighbour<G, const N: usize> {
     /// Information of each step of the trajectory: entry `i` is of `x_i⁻¹ x_{i+1}`, in the frame of the latter,
     /// order translation then rotation.
     pub steps: Vec<SMatrix<f64, N, N>>,
+    /// Where the sender's map lies in the receiver's, to start from; `None` starts where the first link puts it.
+    /// Not part of the message.
+    pub start: Option<G>,
 }
 
 impl<const N: usize, G: LieGroup<N>> Neighbour<G, N> {
@@ -50,7 +53,7 @@ impl<const N: usize, G: LieGroup<N>> Neighbour<G, N> {
                 covariance.try_inverse().ok_or(Error::Indefinite { key: pair[1].0 })
             })
             .collect::<Result<Vec<_>, _>>()?;
-        Ok(Self { touched: Condensed::new(graph, touched)?, trajectory, steps })
+        Ok(Self { touched: Condensed::new(graph, touched)?, trajectory, steps, start: None })
     }
 
     /// Size on the wire in bytes: 8 a key and 8 a number, information matrices as upper triangles.
@@ -89,11 +92,47 @@ pub struct TwoStepSolution<G> {
     pub star: Solution<G>,
 }
 
+/// Where the map of each neighbour that links reach lies in the own one, to start from.
+fn starts<const N: usize, G: LieGroup<N>>(
+    own: &PoseGraph<G, N>,
+    links: &[&Link<G, N>],
+    known: &BTreeMap<Key, G>,
+    neighbours: &[Neighbour<G, N>],
+) -> BTreeMap<u32, G> {
+    let given: BTreeMap<u32, G> =
+        neighbours.iter().filter_map(|n| Some((n.trajectory.first()?.0.robot, n.start?))).collect();
+    let mut starts: BTreeMap<u32, G> = BTreeMap::new();
+    loop {
+        let before = starts.len();
+        for link in links {
+            let place = |key: Key| match known.get(&key) {
+                Some(pose) => starts.get(&key.robot).map(|start| start.compose(pose)),
+                None => own.pose(key).copied(),
+            };
+            let (from, to) = (place(link.own), place(link.neighbour));
+            let (key, implied) = match (from, to) {
+                (Some(from), None) => (link.neighbour, from.compose(&link.measured)),
+                (None, Some(to)) => (link.own, to.compose(&link.measured.inverse())),
+                _ => continue,
+            };
+            if let Some(pose) = known.get(&key) {
+                let start = given.get(&key.robot).copied().unwrap_or(implied.compose(&pose.inverse()));
+                starts.insert(key.robot, start);
+            }
+        }
+        if starts.len() == before {
+            return starts;
+        }
+    }
+}
+
 /// The two-step scheme for one robot: a star-shaped joint step over the own poses and the neighbours' poses that
 /// closures touch, then each neighbour's trajectory by itself.
 ///
 /// * `own` – the own graph, own measurements only.
-/// * `links` – accepted closures to the neighbours; those to poses in no message are left out.
+/// * `links` – accepted closures to the neighbours; those to poses in no message are left out. A closure between two
+///   neighbours is a link too, with the pose of either as `own`; it counts once a chain of links joins the two to
+///   the own poses.
 /// * `neighbours` – one message a neighbour.
 ///
 /// # Errors
@@ -110,14 +149,23 @@ pub fn two_step<const N: usize, G: LieGroup<N>>(
         graph.set_fixed(key, true)?;
     }
     let known: BTreeMap<Key, G> = neighbours.iter().flat_map(|n| n.trajectory.iter().copied()).collect();
+    let known_or_own = |key: &Key| known.contains_key(key) || own.pose(*key).is_some();
     let links: Vec<&Link<G, N>> = links.iter().filter(|link| known.contains_key(&link.neighbour)).collect();
-    for link in &links {
-        let from = graph.pose(link.own).ok_or(Error::UnknownKey { key: link.own })?;
-        let start = from.compose(&link.measured);
-        if graph.pose(link.neighbour).is_none() {
-            graph.add_pose(link.neighbour, start)?;
+    if let Some(link) = links.iter().find(|link| !known_or_own(&link.own)) {
+        return Err(Error::UnknownKey { key: link.own });
+    }
+    let starts = starts(own, &links, &known, neighbours);
+    for link in links {
+        for key in [link.own, link.neighbour] {
+            if let (None, Some(start), Some(pose)) =
+                (graph.pose(key), starts.get(&key.robot), known.get(&key))
+            {
+                graph.add_pose(key, start.compose(pose))?;
+            }
         }
-        graph.add_between(link.own, link.neighbour, link.measured, link.information, link.kernel)?;
+        if graph.pose(link.own).is_some() && graph.pose(link.neighbour).is_some() {
+            graph.add_between(link.own, link.neighbour, link.measured, link.information, link.kernel)?;
+        }
     }
     if *variant == TwoStepVariant::Condensed {
         for neighbour in neighbours {
