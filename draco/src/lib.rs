@@ -1,4 +1,6 @@
-//! The sonar multi-robot system: keyframes in, one map of all robots out.
+#![doc = include_str!("../README.md")]
+//!
+//! # Modules
 //!
 //! Data flows one way through the modules, in the order they are listed here.
 #![warn(missing_docs)]
