@@ -116,6 +116,19 @@ pub enum Error {
         /// Index of the prior.
         prior: usize,
     },
+    /// The covariance of a vote given the others is not positive definite: the drift covariances of its robots are not
+    /// those of any distribution, or too large for the closures' precision.
+    #[error(
+        "robots {source_robot} and {target_robot}: no positive definite covariance at closure {closure:?} (none: a map transform)"
+    )]
+    VoteCovariance {
+        /// Robot that holds the source.
+        source_robot: u32,
+        /// The other robot.
+        target_robot: u32,
+        /// Smallest closure of the vote; `None` for a prior between maps.
+        closure: Option<usize>,
+    },
     /// A trajectory does not have one step fewer than poses.
     #[error("{poses} poses do not go with {steps} odometry steps")]
     StepCount {

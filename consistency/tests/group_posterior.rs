@@ -3,7 +3,7 @@
 use draco_consistency::simulate::{Bias, Harbor, Label, Meetings, SimulatedTeam, harbor};
 use draco_consistency::{
     Closure2, Error, Event, Gcm, GcmOnline, GcmParams, MapTransform2, Pcm, PcmParams, PoseKey, Selection,
-    gcm, pcm,
+    Trajectories2, Trajectory, gcm, isotropic_covariance, pcm,
 };
 use nalgebra::{Isometry2, Matrix3};
 use rand::SeedableRng;
@@ -192,4 +192,94 @@ fn bad_input_is_a_typed_error() {
     assert_eq!(wrong, Error::Parameter { name: "alpha" });
     let nothing = gcm(&good.trajectories, &[], &good.priors, &GcmParams::default()).unwrap();
     assert!(nothing.clusters.is_empty());
+}
+
+/// Groups of six closures between two robots that stand still, their common error in metres; 1 mm of noise.
+fn still(shifts: &[f64]) -> (Trajectories2, Vec<Closure2>) {
+    const APART: usize = 30;
+    let mut trajectories = Trajectories2::new();
+    for robot in 0..2 {
+        let poses = vec![Isometry2::identity(); APART * shifts.len()];
+        let steps = vec![isotropic_covariance::<3, Isometry2<f64>>(1e-6, 1e-6); poses.len() - 1];
+        trajectories.insert(robot, Trajectory::from_steps(poses, &steps).unwrap());
+    }
+    let closure = |group: usize, k: usize, shift: f64| Closure2 {
+        source: PoseKey::new(0, APART * group + k),
+        target: PoseKey::new(1, APART * group + k),
+        target_from_source: Isometry2::translation(shift, 0.0),
+        covariance: isotropic_covariance::<3, Isometry2<f64>>(1e-3, 1e-3),
+    };
+    let closures =
+        shifts.iter().enumerate().flat_map(|(g, &s)| (0..6).map(move |k| closure(g, k, s))).collect();
+    (trajectories, closures)
+}
+
+#[test]
+fn precise_closures_two_to_one_have_the_odds_of_their_votes() {
+    let (trajectories, closures) = still(&[0.0, 0.0, 2.0]);
+    let params = GcmParams::default();
+    let found = gcm(&trajectories, &closures, &[], &params).unwrap();
+    let local = (1.0 - params.sound) * (1.0 - params.gross_share) * params.slip_share;
+    let odds = params.sound / (local * params.alpha);
+    let expected = odds / (1.0 + odds);
+    for (cluster, expected) in found.clusters.iter().zip([expected, expected, 1.0 - expected]) {
+        let p = cluster.probability;
+        assert!((p - expected).abs() < 0.03, "{p} for {expected}");
+    }
+    // two equal slips look the same, so the strict preset leaves them open
+    let strict = gcm(&trajectories, &closures, &[], &GcmParams::strict()).unwrap();
+    assert!(strict.selection.accepted.is_empty());
+    assert_eq!(strict.selection.undecided.len(), 12);
+}
+
+#[test]
+fn drift_that_is_no_covariance_is_an_error_and_no_rejection() {
+    let (mut trajectories, closures) = still(&[0.0]);
+    let indices: Vec<usize> = (0..6).collect();
+    let negative = nalgebra::DMatrix::from_diagonal_element(18, 18, -1e6);
+    let poses = vec![Isometry2::identity(); 6];
+    trajectories.insert(1, Trajectory::with_joint_covariance(poses, &indices, &negative).unwrap());
+    let error = gcm(&trajectories, &closures, &[], &GcmParams::default()).unwrap_err();
+    assert!(matches!(error, Error::VoteCovariance { source_robot: 0, target_robot: 1, .. }), "{error}");
+}
+
+#[test]
+fn telling_slipped_groups_twice_accepts_none_of_them() {
+    let mut told_twice = 0;
+    for seed in 0..10 {
+        let mut team = team(&Harbor::default(), seed);
+        let before = solve(&team, &GcmParams::default()).selection;
+        let slipped: Vec<usize> = before
+            .rejected
+            .iter()
+            .map(|refusal| refusal.closure)
+            .filter(|&m| team.labels[m] == Label::Biased)
+            .collect();
+        let again: Vec<Closure2> = slipped.iter().map(|&m| team.closures[m]).collect();
+        team.closures.extend(again);
+        let after = solve(&team, &GcmParams::default()).selection;
+        assert!(slipped.iter().all(|&m| !after.accepts(m)), "seed {seed}");
+        told_twice += slipped.len();
+    }
+    assert!(told_twice > 50, "{told_twice}");
+}
+
+/// The target is 0.05 in every team; the doubled closure also moves its group's mean, which costs one team more.
+#[test]
+fn a_closure_told_twice_is_no_second_vote() {
+    let mut moves = Vec::new();
+    for seed in 0..20 {
+        let mut team = team(&lone(&[false, false, true]), seed);
+        let before = solve(&team, &GcmParams::default());
+        team.closures.push(team.closures[0]);
+        let after = solve(&team, &GcmParams::default());
+        let moved = before
+            .cluster_of
+            .iter()
+            .zip(&after.cluster_of)
+            .map(|(&was, &is)| (before.clusters[was].probability - after.clusters[is].probability).abs());
+        moves.push(moved.fold(0.0, f64::max));
+    }
+    moves.sort_by(f64::total_cmp);
+    assert!(moves[18] < 0.05 && moves[19] < 0.10, "{moves:?}");
 }

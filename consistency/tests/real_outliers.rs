@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use draco_consistency::clique::Budget;
+use draco_consistency::gcm::GapUnit;
 use draco_consistency::{
-    Closure2, CycleParams, PcmParams, Pose, PoseKey, Selection, Trajectories2, Trajectory, cycle_consistency,
-    isotropic_covariance, pcm,
+    Closure2, CycleParams, GcmParams, PcmParams, Pose, PoseKey, Selection, Trajectories2, Trajectory,
+    cycle_consistency, gcm, isotropic_covariance, pcm,
 };
 use nalgebra::Isometry2;
 
@@ -85,4 +86,17 @@ fn pcm_and_cycles_sort_out_real_closures() {
     let (k_precision, k_recall) = precision_recall(&by_cycles.selection, &truth);
     println!("cycles: precision {k_precision:.3} recall {k_recall:.3} optimal {}", by_cycles.optimal);
     assert!(k_precision > 0.97 && k_recall > 0.75, "cycles {k_precision} {k_recall}");
+}
+
+#[test]
+fn group_posterior_sorts_out_real_closures_in_poses_and_in_metres() {
+    let Some(folder) = folder() else { return };
+    let (trajectories, closures, truth) = load(&folder);
+    for (unit, least_recall) in [(GapUnit::Poses, 0.84), (GapUnit::Metres, 0.80)] {
+        let params = GcmParams { unit, ..GcmParams::default() };
+        let found = gcm(&trajectories, &closures, &[], &params).unwrap();
+        let (precision, recall) = precision_recall(&found.selection, &truth);
+        println!("gcm, gaps in {unit:?}: precision {precision:.3} recall {recall:.3}");
+        assert!(precision > 0.97 && recall > least_recall, "{unit:?}: {precision} {recall}");
+    }
 }

@@ -4,6 +4,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::params::GcmParams;
 use super::votes::{Kind, Votes};
+use crate::Error;
 
 /// State of one vote under a hypothesis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -11,6 +12,8 @@ pub(crate) enum State {
     Good,
     YawSlip,
     Gross,
+    /// Of another place: tells nothing of the map transform.
+    Elsewhere,
     BadPrior,
     /// The numbered slip.
     Slip(u16),
@@ -60,7 +63,10 @@ struct Child<const N: usize> {
 /// Adding vote `t` costs one forward substitution a hypothesis: the row of `L` but for shared slips is the same for
 /// all its states, and a shared slip adds a column kept with the hypothesis. Hypotheses that agree on a prefix of
 /// states share those rows of `L`, and the substitution starts where they part.
-pub(crate) fn search<const N: usize>(votes: &Votes<N>, params: &GcmParams) -> Beam<N> {
+///
+/// # Errors
+/// [`Error::VoteCovariance`] at a vote whose covariance given the earlier ones is not positive definite in any state.
+pub(crate) fn search<const N: usize>(votes: &Votes<N>, params: &GcmParams) -> Result<Beam<N>, Error> {
     let root = Hypothesis {
         score: 0.0,
         states: Vec::new(),
@@ -70,13 +76,13 @@ pub(crate) fn search<const N: usize>(votes: &Votes<N>, params: &GcmParams) -> Be
     };
     let mut beam = Beam { hypotheses: vec![root], dropped: f64::NEG_INFINITY };
     for t in 0..votes.list.len() {
-        beam.extend(votes, params, t);
+        beam.extend(votes, params, t)?;
     }
-    beam
+    Ok(beam)
 }
 
 impl<const N: usize> Beam<N> {
-    fn extend(&mut self, votes: &Votes<N>, params: &GcmParams, t: usize) {
+    fn extend(&mut self, votes: &Votes<N>, params: &GcmParams, t: usize) -> Result<(), Error> {
         let mut children: Vec<Child<N>> = Vec::new();
         let mut bases: Vec<Rc<Vec<SMatrix<f64, N, N>>>> = Vec::with_capacity(self.hypotheses.len());
         let mut w: Vec<SMatrix<f64, N, N>> = Vec::new();
@@ -87,6 +93,9 @@ impl<const N: usize> Beam<N> {
             hypothesis.children(votes, params, t, parent, &w, &mut children);
             bases.push(Rc::new(w.clone()));
         }
+        if children.is_empty() {
+            return Err(votes.list[t].singular());
+        }
         let kept = self.prune(&mut children, params);
         self.hypotheses = children
             .into_iter()
@@ -94,6 +103,7 @@ impl<const N: usize> Beam<N> {
             .filter(|(_, keep)| *keep)
             .map(|(child, _)| self.hypotheses[child.parent].grown(votes, t, &bases[child.parent], child))
             .collect();
+        Ok(())
     }
 
     /// Which children survive: the best `beam`, none deeper than `depth`; ties to the smaller state vector.
@@ -158,7 +168,7 @@ impl<const N: usize> Hypothesis<N> {
                 push(State::Good, params.prior_sound.ln(), covariance, &residual);
                 push(State::BadPrior, (1.0 - params.prior_sound).ln(), covariance + bad, &residual);
             }
-            Kind::Cluster { single, spike, yaw, gross, neighbor, .. } => {
+            Kind::Cluster { single, spike, yaw, gross, elsewhere, neighbor, .. } => {
                 let prior = StatePrior::new(
                     params,
                     *single,
@@ -168,9 +178,12 @@ impl<const N: usize> Hypothesis<N> {
                 push(State::Good, prior.log(State::Good), covariance + spike, &residual);
                 push(State::YawSlip, prior.log(State::YawSlip), covariance + yaw, &residual);
                 push(State::Gross, prior.log(State::Gross), covariance + gross, &residual);
+                push(State::Elsewhere, prior.log(State::Elsewhere), covariance + elsewhere, &residual);
+                // harmless bias is common to slipped groups too; without it equal slips would fit better than truth
+                let slipped = covariance + spike + votes.slip;
                 for (j, column) in self.slip_columns.iter().enumerate() {
                     let start = t - column.len();
-                    let mut shared = covariance + votes.slip;
+                    let mut shared = slipped;
                     let mut shifted = residual;
                     for ((u, w), row) in column.iter().zip(&w[start..]).zip(&self.rows[start..]) {
                         let cross = w.tr_mul(u);
@@ -181,7 +194,7 @@ impl<const N: usize> Hypothesis<N> {
                     push(state, prior.log(state), shared, &shifted);
                 }
                 let fresh = State::Slip(self.slip_counts.len() as u16);
-                push(fresh, prior.log(fresh), covariance + votes.slip, &residual);
+                push(fresh, prior.log(fresh), slipped, &residual);
             }
         }
     }
@@ -280,7 +293,8 @@ impl<'a> StatePrior<'a> {
         let slips: u32 = self.slip_counts.iter().sum();
         match state {
             State::Good => self.sound,
-            State::Gross => (1.0 - self.sound) * self.gross,
+            State::Gross => (1.0 - self.sound) * self.gross * (1.0 - self.params.elsewhere_share),
+            State::Elsewhere => (1.0 - self.sound) * self.gross * self.params.elsewhere_share,
             State::YawSlip => local * (1.0 - self.params.slip_share),
             State::BadPrior => 0.0,
             State::Slip(j) => {

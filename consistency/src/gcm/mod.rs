@@ -22,7 +22,11 @@
 //! * **slip** ((1-π)(1-p_O) p_T): a shift `τ ~ N(0, S_T)` in the common frame. Slips are *shared*: a further slipped
 //!   group repeats an earlier slip `t` with probability `α n_t / Σ n`, so equal slips are no proof of truth;
 //! * **yaw slip** ((1-π)(1-p_O)(1-p_T)): `β ~ N(0, S_Y)` about its place;
-//! * **gross** ((1-π) p_O): `β ~ N(0, S_O)`.
+//! * **gross** ((1-π) p_O (1-p_E)): `β ~ N(0, S_O)`;
+//! * **elsewhere** ((1-π) p_O p_E): `β ~ N(0, S_E)`, a wrong place, so wide that it does not pull at the map transform.
+//!
+//! Every slip has the bias `N(0, S_b)` on top: harmless bias is common to all groups, and without it precise closures
+//! would fit equal slips better than the truth.
 //!
 //! A prior on a map transform is one more vote, good with `π_P`, else with a wide tail; `δ ~ N(0, base)` without any.
 //! Neighbouring groups cut from one run share their state with `κ = exp(-(D/ℓ)²)`.
@@ -32,7 +36,7 @@
 //!
 //! ```text
 //! K_gh = Σ over shared robots  s_g s_h (mean V_r(min(k, l)) + base)  +  [g = h] mean(A S Aᵀ)/n_g
-//! K_H  = K + the state's own S_b, S_T, S_Y or S_O  +  S_T between votes that share a slip
+//! K_H  = K + the state's own S_b, S_b + S_T, S_Y, S_O or S_E  +  S_T between votes that share a slip
 //! score(H) = Σ log prior(state) + log N(ρ; 0, K_H)
 //! P_g = Σ over hypotheses with g good of softmax(score)
 //! ```

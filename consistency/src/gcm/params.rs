@@ -60,6 +60,11 @@ pub struct GcmParams {
     pub yaw: Sigma,
     /// `S_O`: gross error; default 6 m, 0.5 rad.
     pub gross: Sigma,
+    /// Share of gross errors that are of a wrong place altogether, as from place recognition; default 0.50.
+    pub elsewhere_share: f64,
+    /// `S_E`: a wrong place, of the order of the map itself, so that no such closure pulls at the map transform;
+    /// default 100 m, 2 rad.
+    pub elsewhere: Sigma,
     /// `π_P`, share of map priors that are as good as they say; default 0.85.
     pub prior_sound: f64,
     /// What a bad map prior adds to its covariance; default 4 m, 0.15 rad.
@@ -101,6 +106,8 @@ impl Default for GcmParams {
             slip: Sigma::new(3.0, 0.02),
             yaw: Sigma::new(0.3, 0.07),
             gross: Sigma::new(6.0, 0.5),
+            elsewhere_share: 0.50,
+            elsewhere: Sigma::new(100.0, 2.0),
             prior_sound: 0.85,
             prior_bad: Sigma::new(4.0, 0.15),
             base: Sigma::new(15.0, 0.8),
@@ -140,12 +147,14 @@ impl GcmParams {
             ("gross_share", open(self.gross_share)),
             ("gross_share_single", open(self.gross_share_single)),
             ("alpha", open(self.alpha)),
+            ("elsewhere_share", open(self.elsewhere_share)),
             ("prior_sound", open(self.prior_sound)),
             ("probability", open(self.probability)),
             ("spike", self.spike.is_positive()),
             ("slip", self.slip.is_positive()),
             ("yaw", self.yaw.is_positive()),
             ("gross", self.gross.is_positive()),
+            ("elsewhere", self.elsewhere.is_positive()),
             ("prior_bad", self.prior_bad.is_positive()),
             ("base", self.base.is_positive()),
             ("gap", self.gap >= 0.0),

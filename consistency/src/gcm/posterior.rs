@@ -53,7 +53,8 @@ pub struct GroupPosterior {
 /// * `priors` – where maps are believed to lie; none at all is a legal case.
 ///
 /// # Errors
-/// Unknown poses, bad poses, covariances or priors, parameters outside their range.
+/// Unknown poses, bad poses, covariances or priors, parameters outside their range; [`Error::VoteCovariance`] when
+/// the drift covariances are no covariance together.
 ///
 /// Cost for `B` hypotheses and blocks of `G` clusters: `O(B G (N G)²)`, less what hypotheses share.
 pub fn gcm<const N: usize, G: Pose<N>>(
@@ -108,7 +109,7 @@ pub(crate) fn gcm_with_history<const N: usize, G: Pose<N>>(
     };
     let mut findings = Findings::new(clusters.len());
     for (&reference, robots) in &teams.robots_by_reference {
-        solve_team(&evidence, reference, robots, &mut findings);
+        solve_team(&evidence, reference, robots, &mut findings)?;
     }
     let mut cluster_of = vec![0; closures.len()];
     for (index, cluster) in clusters.iter().enumerate() {
@@ -229,7 +230,7 @@ impl Findings {
                     State::Good => self.sound[cluster] += share,
                     State::Slip(_) => self.faults[cluster][0] += share,
                     State::YawSlip => self.faults[cluster][1] += share,
-                    State::Gross | State::BadPrior => self.faults[cluster][2] += share,
+                    State::Gross | State::Elsewhere | State::BadPrior => self.faults[cluster][2] += share,
                 }
             }
         }
@@ -266,7 +267,7 @@ fn solve_team<const N: usize, G: Pose<N>>(
     reference: u32,
     robots: &BTreeSet<u32>,
     findings: &mut Findings,
-) {
+) -> Result<(), Error> {
     let (closures, transforms): (Vec<_>, Vec<G>) = evidence
         .closures
         .iter()
@@ -292,11 +293,11 @@ fn solve_team<const N: usize, G: Pose<N>>(
             block.contains(&c.robots.0) && block.contains(&c.robots.1) && c.robots != (reference, reference)
         };
         let chosen: Vec<usize> = own.iter().copied().filter(|&c| inside(&evidence.clusters[c])).collect();
-        solve_block(evidence, frames.clone(), &block, &chosen, findings);
+        solve_block(evidence, frames.clone(), &block, &chosen, findings)?;
     }
     let within: Vec<usize> =
         own.into_iter().filter(|&c| evidence.clusters[c].robots == (reference, reference)).collect();
-    solve_block(evidence, frames, &BTreeSet::from([reference]), &within, findings);
+    solve_block(evidence, frames, &BTreeSet::from([reference]), &within, findings)
 }
 
 /// One beam search, repeated once when its best hypothesis moves a map far from the linearisation.
@@ -306,23 +307,24 @@ fn solve_block<const N: usize, G: Pose<N>>(
     robots: &BTreeSet<u32>,
     chosen: &[usize],
     findings: &mut Findings,
-) {
+) -> Result<(), Error> {
     const METRES_MOVED: f64 = 0.5;
     const RADIANS_MOVED: f64 = 0.05;
     if chosen.is_empty() {
-        return;
+        return Ok(());
     }
     let is_member = |robot: u32| robots.contains(&robot);
     let mut votes = Votes::new(evidence, &frames, chosen, is_member);
-    let mut beam = search(&votes, evidence.params);
+    let mut beam = search(&votes, evidence.params)?;
     if let Some(best) = best_of(&beam) {
         let (moved, metres, radians) = frames.moved(&estimate(&votes, best, robots));
         if metres > METRES_MOVED || radians > RADIANS_MOVED {
             votes = Votes::new(evidence, &moved, chosen, is_member);
-            beam = search(&votes, evidence.params);
+            beam = search(&votes, evidence.params)?;
         }
     }
     findings.add::<N, G>(&votes, &beam);
+    Ok(())
 }
 
 /// Posterior mean of each robot's map correction δ.

@@ -1,3 +1,4 @@
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 use nalgebra::{SMatrix, SVector};
@@ -7,7 +8,7 @@ use super::frames::Frames;
 use super::grouping::{Station, gap};
 use super::params::GcmParams;
 use crate::pose::transported;
-use crate::{Closure, MapTransform, Pose, Trajectories, isotropic_covariance};
+use crate::{Closure, Error, MapTransform, Pose, Trajectories, isotropic_covariance};
 
 /// One vote of the joint Gaussian: a cluster of closures or a map prior.
 #[derive(Debug, Clone)]
@@ -30,10 +31,13 @@ pub(crate) enum Kind<const N: usize> {
     Cluster {
         /// Place in the list of clusters.
         cluster: usize,
+        /// Its smallest closure.
+        first: usize,
         single: bool,
         spike: SMatrix<f64, N, N>,
         yaw: SMatrix<f64, N, N>,
         gross: SMatrix<f64, N, N>,
+        elsewhere: SMatrix<f64, N, N>,
         /// The earlier vote of the same run and κ.
         neighbor: Option<(usize, f64)>,
     },
@@ -61,6 +65,17 @@ pub(crate) struct Evidence<'a, G, const N: usize> {
     pub(crate) clusters: &'a [Cluster],
     pub(crate) noise_scale: f64,
     pub(crate) params: &'a GcmParams,
+}
+
+impl<const N: usize> Vote<N> {
+    /// The error that its covariance given the earlier votes has no factor.
+    pub(crate) fn singular(&self) -> Error {
+        let closure = match &self.kind {
+            Kind::Cluster { first, .. } => Some(*first),
+            Kind::Prior { .. } => None,
+        };
+        Error::VoteCovariance { source_robot: self.robots.0, target_robot: self.robots.1, closure }
+    }
 }
 
 impl<const N: usize> Votes<N> {
@@ -161,13 +176,14 @@ impl<G: Pose<N>, const N: usize> DriftTable<'_, '_, G, N> {
     }
 }
 
-/// Clusters by (robot pair, first pose), lone closures last: the beam meets strong votes first.
+/// Clusters by size, the largest first, then by (robot pair, first pose): the beam meets strong votes first. Weak ones
+/// that contradict each other have more explanations than the beam holds, and must not crowd the truth out.
 fn ordered<G: Pose<N>, const N: usize>(evidence: &Evidence<'_, G, N>, chosen: &[usize]) -> Vec<usize> {
     let mut order = chosen.to_vec();
     order.sort_by_key(|&c| {
         let cluster = &evidence.clusters[c];
         let first = cluster.members.iter().map(|&m| keys(&evidence.closures[m])).min();
-        (cluster.members.len() == 1, cluster.robots, first)
+        (Reverse(cluster.members.len()), cluster.robots, first)
     });
     order
 }
@@ -223,10 +239,12 @@ fn cluster_vote<const N: usize, G: Pose<N>>(
     Vote {
         kind: Kind::Cluster {
             cluster: index,
+            first: cluster.members[0],
             single: cluster.members.len() == 1,
             spike: local(params.spike),
             yaw: local(params.yaw),
             gross: local(params.gross),
+            elsewhere: local(params.elsewhere),
             neighbor: None,
         },
         robots: cluster.robots,
