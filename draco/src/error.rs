@@ -33,6 +33,14 @@ pub enum Error {
         /// What is wrong, with the offending value.
         reason: String,
     },
+    /// A folder that a result cannot replace.
+    #[error("{}: {reason}", path.display())]
+    OutputFolder {
+        /// The folder.
+        path: PathBuf,
+        /// What is in the way.
+        reason: String,
+    },
     /// A mission without robots.
     #[error("the mission has no robots")]
     NoRobots,

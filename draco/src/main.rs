@@ -1,5 +1,6 @@
 //! The program `draco`: run a simulated or recorded mission and tell how it went.
 
+use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -51,17 +52,18 @@ struct Run {
     seed: u64,
 
     /// Folder for summary.json, report.html, the trajectories and the pose graph; replaced as a whole when the run
-    /// has succeeded.
+    /// has succeeded. May not exist yet, be empty, or hold an earlier result and nothing else.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
 
 fn main() -> ExitCode {
+    tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(tracing::Level::WARN).init();
     match Cli::parse().command {
         Command::Run(arguments) => match run(&arguments) {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
-                eprintln!("draco: {error:#}");
+                eprintln!("draco: {}", one_line(&error));
                 ExitCode::FAILURE
             }
         },
@@ -69,6 +71,9 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Run) -> anyhow::Result<()> {
+    if let Some(folder) = &arguments.out {
+        report::check_output_folder(folder)?;
+    }
     let data = load(arguments)?;
     let mut params = MissionParams { seed: arguments.seed, ..Default::default() };
     params.robot.method = arguments.consistency;
@@ -80,13 +85,29 @@ fn run(arguments: &Run) -> anyhow::Result<()> {
     });
     bar.finish_and_clear();
     let run_report = result.with_context(|| format!("mission {}", data.name))?;
-    print!("{}", run_report.table());
+    let mut text = run_report.table();
     if let Some(folder) = &arguments.out {
         report::write_run(&run_report, folder)
             .with_context(|| format!("writing the results to {}", folder.display()))?;
-        println!("\nWritten to {}: open report.html for the map.", folder.display());
+        text += &format!("\nWritten to {}: open report.html for the map.\n", folder.display());
     }
-    Ok(())
+    match std::io::stdout().write_all(text.as_bytes()) {
+        // whoever reads the table may stop reading it
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error).context("writing the table"),
+        _ => Ok(()),
+    }
+}
+
+/// An error and its causes in one line, each said once.
+fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if !line.contains(&cause) {
+            line += if line.is_empty() { "" } else { ": " };
+            line += &cause;
+        }
+    }
+    line
 }
 
 fn load(arguments: &Run) -> anyhow::Result<MissionData> {

@@ -97,6 +97,9 @@ pub fn run(
     Ok(report)
 }
 
+/// Seconds of a closing step where the data do not tell how long a step takes.
+const PAUSE_WITHOUT_CLOCK: f64 = 10.0;
+
 struct Team<'a> {
     recordings: &'a [Recording],
     robots: Vec<Robot>,
@@ -117,7 +120,11 @@ impl<'a> Team<'a> {
             robots: ids.iter().map(|&id| Robot::new(id, params.robot.clone())).collect(),
             modem: Modem::new(&params.modem, ids.iter().copied()),
             now: 0.0,
-            pause: duration / step_count(data).max(1) as f64,
+            pause: if duration > 0.0 {
+                duration / step_count(data).max(1) as f64
+            } else {
+                PAUSE_WITHOUT_CLOCK
+            },
         }
     }
 

@@ -86,7 +86,6 @@ fn a_written_run_is_whole_and_replaces_an_older_one() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let out = folder.path().join("deep").join("out");
     write_run(&run(), &out).expect("writable");
-    std::fs::write(out.join("notes.txt"), "mine").expect("write");
     std::fs::write(out.join("trajectory_1.tum"), "old").expect("write");
     write_run(&run(), &out).expect("writable");
     let mut names: Vec<_> = std::fs::read_dir(&out)
@@ -94,15 +93,8 @@ fn a_written_run_is_whole_and_replaces_an_older_one() {
         .map(|e| e.expect("entry").file_name().into_string().expect("text"))
         .collect();
     names.sort();
-    let expected = [
-        "graph.g2o",
-        "map.svg",
-        "notes.txt",
-        "report.html",
-        "summary.json",
-        "trajectory_7.tum",
-        "trajectory_9.tum",
-    ];
+    let expected =
+        ["graph.g2o", "map.svg", "report.html", "summary.json", "trajectory_7.tum", "trajectory_9.tum"];
     assert_eq!(names, expected);
     let beside = std::fs::read_dir(folder.path().join("deep")).expect("there").count();
     assert_eq!(beside, 1, "no staging folder is left");
@@ -112,6 +104,25 @@ fn a_written_run_is_whole_and_replaces_an_older_one() {
     let half = std::f64::consts::FRAC_PI_4;
     let expected = [0.0, -2.0, -2.0, 0.0, 0.0, 0.0, half.sin(), half.cos()];
     assert!(first.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{tum}");
+}
+
+#[test]
+fn a_folder_with_other_files_is_left_as_it_is() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    for (name, with_result) in [("notes.txt", true), ("trajectory_groundtruth.tum", false)] {
+        let out = folder.path().join(name);
+        std::fs::create_dir(&out).expect("writable");
+        if with_result {
+            write_run(&run(), &out).expect("an empty folder is fine");
+        }
+        std::fs::write(out.join(name), "mine").expect("write");
+        let before = std::fs::read_dir(&out).expect("there").count();
+        let error = write_run(&run(), &out).expect_err("holds a file of the user's").to_string();
+        assert!(error.contains(name), "{error}");
+        assert_eq!(std::fs::read_to_string(out.join(name)).expect("there"), "mine");
+        assert_eq!(std::fs::read_dir(&out).expect("there").count(), before);
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 2);
 }
 
 #[test]

@@ -10,8 +10,12 @@ use super::{KEYFRAMES_FILE, POINTS_FILE};
 use crate::Error;
 use crate::keyframe::{Keyframe, MissionData, Recording, RobotId};
 
-/// Largest coordinate still taken for a measurement, metres (seconds for times). Beyond it a table is damaged.
-const LARGEST_VALUE: f64 = 1e9;
+/// Largest time still taken for one, seconds; clocks that count from 1970 are far below. Beyond it a table is damaged.
+const LARGEST_TIME: f64 = 1e12;
+/// Largest coordinate of a pose, metres; national grids are below.
+const LARGEST_POSE: f64 = 1e7;
+/// Largest coordinate of a point in the sensor frame, metres; imaging sonars see 1 to 200 m.
+const LARGEST_POINT: f64 = 1e3;
 
 /// Disagreement of two heading increments below which they are one measurement written twice, radians: ten times
 /// the rounding of a table with four decimals.
@@ -92,9 +96,9 @@ impl<R: Read> Table<R> {
         cell.parse().map_err(|_| self.fault(Some(column), format!("`{}` is not {wanted}", shown(cell))))
     }
 
-    fn number(&self, column: usize) -> Result<f64, Error> {
+    fn number(&self, column: usize, largest: f64) -> Result<f64, Error> {
         let value: f64 = self.parse(column, "a number")?;
-        if value.abs() <= LARGEST_VALUE {
+        if value.abs() <= largest {
             return Ok(value);
         }
         let reason = if value.is_finite() { "is too large to be a measurement" } else { "is not finite" };
@@ -158,7 +162,10 @@ impl KeyframeColumns {
 }
 
 fn pose<R: Read>(table: &Table<R>, [x, y, theta]: [usize; 3]) -> Result<Isometry2<f64>, Error> {
-    Ok(Isometry2::new(Vector2::new(table.number(x)?, table.number(y)?), table.number(theta)?))
+    Ok(Isometry2::new(
+        Vector2::new(table.number(x, LARGEST_POSE)?, table.number(y, LARGEST_POSE)?),
+        table.number(theta, LARGEST_POSE)?,
+    ))
 }
 
 fn optional_pose<R: Read>(
@@ -204,7 +211,7 @@ fn read_keyframes<R: Read>(
     while table.advance()? {
         let robot: RobotId = table.parse(columns.robot, "a robot's number")?;
         let kf: u64 = table.parse(columns.kf, "a keyframe's number")?;
-        let time = table.number(columns.time)?;
+        let time = table.number(columns.time, LARGEST_TIME)?;
         let recording = recordings.entry(robot).or_insert_with(|| Recording {
             robot,
             keyframes: Vec::new(),
@@ -247,7 +254,7 @@ fn read_points<R: Read>(
             Some(column) => Some(table.parse(column, "a robot's number")?),
             None => None,
         };
-        let point = Point2::new(table.number(x)?, table.number(y)?);
+        let point = Point2::new(table.number(x, LARGEST_POINT)?, table.number(y, LARGEST_POINT)?);
         let keyframe = entries
             .get(&(robot, kf))
             .and_then(|entry| recordings.get_mut(&entry.robot)?.keyframes.get_mut(entry.index));

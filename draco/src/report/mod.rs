@@ -12,6 +12,6 @@ mod summary;
 mod svg;
 mod table;
 
-pub use output::write_run;
+pub use output::{check_output_folder, write_run};
 pub use run::{ClosureReport, KeyframeRef, Matched, ObjectReport, RobotReport, RunReport, Traffic};
 pub use summary::{RobotSummary, Summary, TeamSummary};

@@ -7,17 +7,50 @@ use crate::Error;
 /// Writes the run into the folder `dir`: `summary.json`, `report.html`, `map.svg`, `trajectory_<robot>.tum` and, if
 /// the run has a graph, `graph.g2o`.
 ///
-/// Everything is first written beside `dir` under another name and moved at the end, `summary.json` last: a folder
-/// with a summary holds a whole run. Results of an earlier run in `dir` are replaced; other files there stay.
+/// Everything is first written into a folder beside `dir`, which then takes its place: `dir` holds a whole run or
+/// what it held before. See [`check_output_folder`] for what may be replaced.
 ///
 /// # Errors
-/// [`Error::Io`] with the file that could not be written; `dir` is then as it was.
+/// [`Error::OutputFolder`], and [`Error::Io`] with the file that could not be written; `dir` is then as it was.
 pub fn write_run(report: &RunReport, dir: &Path) -> Result<(), Error> {
-    let staging = staging_folder(dir)?;
-    let written = stage(report, &staging).and_then(|names| publish(&staging, dir, &names));
-    // On success the folder is empty or gone; on failure it must not be mistaken for a result.
-    let _ = fs::remove_dir_all(&staging);
+    check_output_folder(dir)?;
+    let staging = beside(dir, "partial")?;
+    let written = stage(report, &staging).and_then(|()| publish(&staging, dir));
+    if written.is_err() {
+        // a part of a result must not be mistaken for one; that it cannot be removed is no worse than the failure told
+        let _ = fs::remove_dir_all(&staging);
+    }
     written
+}
+
+/// Whether [`write_run`] may put its result at `dir`: where nothing is, in an empty folder, or in place of the result of
+/// an earlier run with no other files in it.
+///
+/// # Errors
+/// [`Error::OutputFolder`] that says what is in the way.
+pub fn check_output_folder(dir: &Path) -> Result<(), Error> {
+    let refuse = |reason: String| Err(Error::OutputFolder { path: dir.to_path_buf(), reason });
+    if !dir.exists() {
+        return Ok(());
+    }
+    if !dir.is_dir() {
+        return refuse("is not a folder".into());
+    }
+    let mut names = Vec::new();
+    for entry in fs::read_dir(dir).map_err(io(dir))? {
+        names.push(entry.map_err(io(dir))?.file_name().to_string_lossy().into_owned());
+    }
+    names.sort_unstable();
+    if let Some(foreign) = names.iter().find(|name| !is_result(name)) {
+        return refuse(format!("holds {foreign}, which is no result of a run; choose another folder"));
+    }
+    if !names.is_empty() && !names.iter().any(|name| name == SUMMARY) {
+        return refuse(format!(
+            "holds {} but no {SUMMARY}, so no result of a run; choose another folder",
+            names[0]
+        ));
+    }
+    Ok(())
 }
 
 const SUMMARY: &str = "summary.json";
@@ -26,9 +59,10 @@ fn io(path: &Path) -> impl Fn(std::io::Error) -> Error {
     move |source| Error::io(path, source)
 }
 
-fn staging_folder(dir: &Path) -> Result<PathBuf, Error> {
+/// A new empty folder beside `dir`.
+fn beside(dir: &Path, what: &str) -> Result<PathBuf, Error> {
     let mut name = dir.file_name().map_or_else(|| "run".into(), std::ffi::OsStr::to_os_string);
-    name.push(format!(".partial-{}", std::process::id()));
+    name.push(format!(".{what}-{}", std::process::id()));
     let parent = match dir.parent() {
         Some(parent) if dir.file_name().is_some() => parent.to_path_buf(),
         _ => dir.to_path_buf(),
@@ -36,16 +70,16 @@ fn staging_folder(dir: &Path) -> Result<PathBuf, Error> {
     if !parent.as_os_str().is_empty() {
         fs::create_dir_all(&parent).map_err(io(&parent))?;
     }
-    let staging = parent.join(name);
-    if staging.exists() {
-        fs::remove_dir_all(&staging).map_err(io(&staging))?;
+    let folder = parent.join(name);
+    if folder.exists() {
+        fs::remove_dir_all(&folder).map_err(io(&folder))?;
     }
-    fs::create_dir(&staging).map_err(io(&staging))?;
-    Ok(staging)
+    fs::create_dir(&folder).map_err(io(&folder))?;
+    Ok(folder)
 }
 
-/// Writes all files into `staging` and returns their names, the summary's last.
-fn stage(report: &RunReport, staging: &Path) -> Result<Vec<String>, Error> {
+/// Writes all files into `staging`.
+fn stage(report: &RunReport, staging: &Path) -> Result<(), Error> {
     let mut files: Vec<(String, String)> = Vec::new();
     for robot in &report.robots {
         files.push((format!("trajectory_{}.tum", robot.id), tum(&robot.times, &robot.trajectory)));
@@ -58,44 +92,30 @@ fn stage(report: &RunReport, staging: &Path) -> Result<Vec<String>, Error> {
     let summary = serde_json::to_string_pretty(&report.summary())
         .map_err(|error| Error::io(&staging.join(SUMMARY), error.into()))?;
     files.push((SUMMARY.to_owned(), summary + "\n"));
-    let mut names = Vec::new();
     for (name, text) in files {
         let path = staging.join(&name);
         fs::write(&path, text).map_err(io(&path))?;
-        names.push(name);
-    }
-    Ok(names)
-}
-
-fn publish(staging: &Path, dir: &Path, names: &[String]) -> Result<(), Error> {
-    if !dir.exists() {
-        return fs::rename(staging, dir).map_err(io(dir));
-    }
-    // Without a summary the folder counts as no result until the new one arrives.
-    remove_if_there(&dir.join(SUMMARY))?;
-    for entry in fs::read_dir(dir).map_err(io(dir))? {
-        let entry = entry.map_err(io(dir))?;
-        if is_result(&entry.file_name().to_string_lossy()) {
-            remove_if_there(&entry.path())?;
-        }
-    }
-    for name in names {
-        let (from, to) = (staging.join(name), dir.join(name));
-        fs::rename(&from, &to).map_err(io(&to))?;
     }
     Ok(())
 }
 
-fn is_result(name: &str) -> bool {
-    ["report.html", "map.svg", "graph.g2o"].contains(&name)
-        || (name.starts_with("trajectory_") && name.ends_with(".tum"))
+/// Puts `staging` in the place of `dir`; what was there comes back when that fails.
+fn publish(staging: &Path, dir: &Path) -> Result<(), Error> {
+    if !dir.exists() {
+        return fs::rename(staging, dir).map_err(io(dir));
+    }
+    let previous = beside(dir, "previous")?;
+    fs::rename(dir, &previous).map_err(io(dir))?;
+    if let Err(error) = fs::rename(staging, dir) {
+        fs::rename(&previous, dir).map_err(io(&previous))?;
+        return Err(Error::io(dir, error));
+    }
+    fs::remove_dir_all(&previous).map_err(io(&previous))
 }
 
-fn remove_if_there(path: &Path) -> Result<(), Error> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(Error::io(path, error)),
-        _ => Ok(()),
-    }
+fn is_result(name: &str) -> bool {
+    [SUMMARY, "report.html", "map.svg", "graph.g2o"].contains(&name)
+        || (name.starts_with("trajectory_") && name.ends_with(".tum"))
 }
 
 /// One line a keyframe, `time x y z qx qy qz qw`.

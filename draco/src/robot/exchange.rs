@@ -130,18 +130,17 @@ impl Robot {
         Ok(vec![cells, Message::Objects(objects.iter().map(entry).collect())])
     }
 
-    /// Own closures newly accepted or withdrawn.
+    /// Own closures newly accepted or withdrawn, those of a withdrawn alignment among them.
     fn closure_update(&mut self) -> Option<Message> {
+        let believed: BTreeMap<_, _> =
+            self.proposals.iter().filter(|(_, proposal)| proposal.decision == Decision::Accepted).collect();
         let sent = &mut self.outbox.closures;
-        let (mut accepted, mut retracted) = (Vec::new(), Vec::new());
-        for (pair, proposal) in &self.proposals {
-            let believed = proposal.decision == Decision::Accepted;
-            if believed && sent.insert(*pair) {
-                accepted.push(proposal.entry.clone());
-            } else if !believed && sent.remove(pair) {
-                retracted.push(*pair);
-            }
+        let retracted: Vec<_> = sent.iter().filter(|pair| !believed.contains_key(pair)).copied().collect();
+        for pair in &retracted {
+            sent.remove(pair);
         }
+        let new = believed.into_iter().filter(|(pair, _)| sent.insert(**pair));
+        let accepted: Vec<_> = new.map(|(_, proposal)| proposal.entry.clone()).collect();
         let news = !(accepted.is_empty() && retracted.is_empty());
         news.then_some(Message::Closures { accepted, retracted })
     }

@@ -63,9 +63,7 @@ impl Robot {
             Verdict::Clear(mode) => self.weigh(id, partner, mode, &middle, now),
             Verdict::Ambiguous { ratio } => {
                 self.tell(id, now, format!("ambiguous: second best fit at {ratio:.2} of the best"));
-                if let Alignment::Candidate { .. } = partner.alignment {
-                    partner.alignment = Alignment::Unknown;
-                }
+                self.doubt(id, partner, Alignment::Unknown, now);
             }
             Verdict::None => {}
         }
@@ -97,12 +95,23 @@ impl Robot {
                 partner.contradictions = 0;
             }
             Alignment::Tentative(_) | Alignment::Accepted(_) => {
+                self.doubt(id, partner, Alignment::Candidate { mode, streak: 1 }, now);
+            }
+        }
+    }
+
+    /// An attempt that does not support the alignment held. After as many in a row as it took to believe it, the
+    /// alignment and its closures are withdrawn and `instead` is what is known.
+    fn doubt(&mut self, id: RobotId, partner: &mut Partner, instead: Alignment, now: f64) {
+        match partner.alignment {
+            Alignment::Unknown | Alignment::Candidate { .. } => partner.alignment = instead,
+            Alignment::Tentative(_) | Alignment::Accepted(_) => {
                 partner.contradictions += 1;
-                if partner.contradictions >= params.min_streak {
-                    self.tell(id, now, "withdrawn: the grown maps fit elsewhere".into());
+                if partner.contradictions >= self.params.alignment.min_streak {
+                    self.tell(id, now, "withdrawn: the grown maps no longer fit in this one way".into());
                     self.proposals.retain(|(source, _), _| source.robot != id);
                     partner.drop_hypothesis();
-                    partner.alignment = Alignment::Candidate { mode, streak: 1 };
+                    partner.alignment = instead;
                 }
             }
         }
