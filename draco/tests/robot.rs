@@ -1,8 +1,9 @@
 //! One robot among others: what may reach its estimate, and what may not.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::OnceLock;
 
+use draco::evaluate::Decision;
 use draco::keyframe::{MissionData, Recording, RobotId};
 use draco::link::{Modem, ModemParams, Outgoing};
 use draco::message::{BROADCAST, Frame, GraphUpdate, KeyframeId, Message, VERSION};
@@ -37,7 +38,8 @@ fn fly(data: &MissionData, mut meddle: impl FnMut(RobotId, &mut Vec<Vec<u8>>)) -
     let mut robots: Vec<_> =
         data.recordings.iter().map(|r| Robot::new(r.robot, RobotParams::default())).collect();
     let mut sent: Vec<Vec<Vec<Outgoing>>> = Vec::new();
-    for index in 0..KEYFRAMES + 8 {
+    let keyframes = data.recordings.iter().map(|r| r.keyframes.len()).max().unwrap_or(0);
+    for index in 0..keyframes + 8 {
         let mut outgoing = Vec::new();
         for (robot, recording) in robots.iter_mut().zip(&data.recordings) {
             if let Some(keyframe) = recording.keyframes.get(index) {
@@ -229,6 +231,38 @@ fn equal_missions_give_equal_results_to_the_bit() {
         format!("{a:?}") == format!("{b:?}"),
         "the reports differ in a field that the summary leaves out"
     );
+}
+
+#[test]
+fn partners_hold_exactly_the_closures_that_a_robot_believes() {
+    // With this seed robots 1 and 2 withdraw an alignment on which closures had been announced.
+    let params = SimulationParams { seed: 2, ..SimulationParams::default() };
+    let mut data = simulate(&params).expect("defaults are valid");
+    data.recordings.retain(|recording| recording.robot != 3);
+    let flight = fly(&data, |_, _| {});
+    let (mut retractions, mut told) = (0, BTreeMap::<RobotId, BTreeSet<_>>::new());
+    for sent in flight.sent.iter().flatten().flatten() {
+        let frame = Frame::decode(&sent.bytes).expect("a robot sends good frames");
+        if let Message::Closures { accepted, retracted } = frame.message {
+            let held = told.entry(frame.sender).or_default();
+            retractions += retracted.len();
+            retracted.iter().for_each(|pair| assert!(held.remove(pair), "{pair:?} was never announced"));
+            held.extend(accepted.iter().map(|entry| (entry.source, entry.target)));
+        }
+    }
+    for robot in &flight.robots {
+        let believed: BTreeSet<_> = robot
+            .closure_reports()
+            .iter()
+            .filter(|closure| closure.decision == Decision::Accepted)
+            .map(|closure| [closure.b, closure.a].map(|k| KeyframeId { robot: k.robot, index: k.index }))
+            .map(|[source, target]| (source, target))
+            .collect();
+        let held = told.remove(&robot.id()).unwrap_or_default();
+        println!("robot {}: {} closures believed, {} held by others", robot.id(), believed.len(), held.len());
+        assert_eq!(held, believed, "robot {}", robot.id());
+    }
+    assert!(retractions > 0, "nothing was withdrawn, so nothing was tested");
 }
 
 #[test]

@@ -19,7 +19,8 @@ pub use consensus::{Opinion, consensus};
 /// When an alignment is considered and when it is believed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlignmentParams {
-    /// The search.
+    /// The search. Default with fits kept apart from 4 m, two cells: a place that repeats every few metres has its rival
+    /// fits there, and a fit that swallows its rivals hides that the answer is ambiguous.
     pub search: MapAlignmentParams,
     /// Fewest cells of each map. Default 40: below that, a straight piece of wall is all there is.
     pub min_cells: usize,
@@ -46,7 +47,7 @@ pub struct AlignmentParams {
 impl Default for AlignmentParams {
     fn default() -> Self {
         AlignmentParams {
-            search: MapAlignmentParams::default(),
+            search: MapAlignmentParams { separate_distance: 4.0, modes: 10, ..MapAlignmentParams::default() },
             min_cells: 40,
             conflict_weight: 2.0,
             max_ratio: 0.90,
