@@ -11,7 +11,7 @@ use crate::Error;
 use crate::keyframe::{Keyframe, MissionData, Recording, RobotId};
 
 /// Largest time still taken for one, seconds; clocks that count from 1970 are far below. Beyond it a table is damaged.
-const LARGEST_TIME: f64 = 1e12;
+const LARGEST_TIME: f64 = 1e11;
 /// Largest coordinate of a pose, metres; national grids are below.
 const LARGEST_POSE: f64 = 1e7;
 /// Largest coordinate of a point in the sensor frame, metres; imaging sonars see 1 to 200 m.
