@@ -41,7 +41,7 @@ fn scan(pose: Isometry2<f64>, end_wall: bool, seed: u32) -> Vec<Vector2<f64>> {
         if end_wall && direction.x > 0.0 {
             range = range.min((8.0 - pose.translation.x) / direction.x);
         }
-        if range < 20.0 {
+        if (0.0..20.0).contains(&range) {
             points.push((range + noise()) * Vector2::new(angle.cos(), angle.sin()));
         }
     }
