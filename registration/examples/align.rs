@@ -3,34 +3,36 @@
 //! Reads lines `case dim source target reps max_corr init...` on stdin, where `init` is `target_from_source` as
 //! 9 (`dim` 2) or 16 (`dim` 3) row-major numbers, or `global T_HALF_WIDTH_M R_HALF_WIDTH_DEG` for a search
 //! without a start. Answers a line each: `case iterations ms_total ms_align T(9|16) [cov(9|36)]`, times being
-//! medians over `reps`. One default preset a dimension; nothing is chosen by case.
+//! medians over `reps`. One default preset a dimension; nothing is chosen by case. A line that cannot be answered
+//! gets one line on stderr, the others are answered all the same, and the exit code is 1.
 
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::{Context, bail};
-use draco_registration::global::{SearchParams, branch_and_bound_2d};
+use anyhow::{Context, anyhow, bail};
+use draco_registration::global::{NearStartParams, SearchParams, align_near_start, branch_and_bound_2d};
 use draco_registration::{
-    Cloud, IcpParams, Registration, RigidMotion, Target, io::read_points, mean_downsample,
+    Cloud, Error, IcpParams, Registration, RigidMotion, Target, io::read_points, mean_downsample,
 };
-use nalgebra::{Isometry2, Isometry3, Matrix2, Matrix3, SVector, Vector2, Vector3};
+use nalgebra::{Isometry2, Isometry3, Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 const USAGE: &str = "usage: align < CASES\n  a line of CASES: case dim source target reps max_corr init(9|16 numbers) | global T_HALF_WIDTH_M R_HALF_WIDTH_DEG";
 
 fn main() -> ExitCode {
-    if std::env::args().len() > 1 || std::io::stdin().is_terminal() {
-        let help = std::env::args().nth(1).is_some_and(|a| a == "--help" || a == "-h");
-        if help {
+    match std::env::args().nth(1).as_deref() {
+        Some("--help" | "-h") => {
             println!("{USAGE}");
             return ExitCode::SUCCESS;
         }
-        eprintln!("{USAGE}");
-        return ExitCode::from(2);
+        None if !std::io::stdin().is_terminal() => {}
+        _ => return wrong_usage(),
     }
     match run() {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(Lines { read: 0, .. }) => wrong_usage(),
+        Ok(Lines { failed: 0, .. }) => ExitCode::SUCCESS,
+        Ok(_) => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("{error:#}");
             ExitCode::FAILURE
@@ -38,17 +40,39 @@ fn main() -> ExitCode {
     }
 }
 
-fn run() -> anyhow::Result<()> {
-    let mut output = std::io::stdout().lock();
-    for (number, line) in std::io::stdin().lock().lines().enumerate() {
-        let line = line?;
-        if line.trim().is_empty() {
+fn wrong_usage() -> ExitCode {
+    eprintln!("{USAGE}");
+    ExitCode::from(2)
+}
+
+struct Lines {
+    read: usize,
+    failed: usize,
+}
+
+/// Answers every line that can be answered and tells of every other on stderr.
+fn run() -> anyhow::Result<Lines> {
+    let (mut output, mut input) = (std::io::stdout().lock(), std::io::stdin().lock());
+    let mut lines = Lines { read: 0, failed: 0 };
+    let mut raw = Vec::new();
+    for number in 1.. {
+        raw.clear();
+        if input.read_until(b'\n', &mut raw)? == 0 {
+            break;
+        }
+        if raw.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        let answer = answer(&line).with_context(|| format!("input line {}", number + 1))?;
-        writeln!(output, "{answer}")?;
+        lines.read += 1;
+        match std::str::from_utf8(&raw).context("not text").and_then(answer) {
+            Ok(answer) => writeln!(output, "{answer}")?,
+            Err(error) => {
+                lines.failed += 1;
+                eprintln!("input line {number}: {error:#}");
+            }
+        }
     }
-    Ok(())
+    Ok(lines)
 }
 
 fn answer(line: &str) -> anyhow::Result<String> {
@@ -56,12 +80,14 @@ fn answer(line: &str) -> anyhow::Result<String> {
     let [case, dim, source, target, reps, max_corr, start @ ..] = words.as_slice() else {
         bail!("{} words, at least 9 are needed", words.len());
     };
-    let reps: usize = reps.parse().context("reps")?;
-    let max_distance: f64 = max_corr.parse().context("max_corr")?;
-    let (source, target) = (Path::new(source), Path::new(target));
+    let reps: usize = reps.parse().with_context(|| format!("reps `{reps}`"))?;
+    if reps == 0 {
+        bail!("reps is 0, at least 1 is needed");
+    }
+    let max_distance: f64 = max_corr.parse().with_context(|| format!("max_corr `{max_corr}`"))?;
     let outcome = match *dim {
         "2" => {
-            let (s, t) = (read_points::<2>(source)?, read_points::<2>(target)?);
+            let (s, t) = (read::<2>(source)?, read::<2>(target)?);
             if let ["global", translation, degrees] = start {
                 let box_of = SearchParams {
                     translation: translation.parse().context("half width")?,
@@ -72,20 +98,37 @@ fn answer(line: &str) -> anyhow::Result<String> {
                 return Ok(format!("{case} {outcome}"));
             }
             let m = numbers::<9>(start)?;
-            let rotation = Matrix2::new(m[0], m[1], m[3], m[4]);
+            let rotation = rotation(Matrix2::new(m[0], m[1], m[3], m[4]))?;
             let initial = Isometry2::from_matrix(&rotation, &Vector2::new(m[2], m[5]));
             repeat(reps, || align_2d(&s, &t, &initial, max_distance))?
         }
         "3" => {
-            let (s, t) = (read_points::<3>(source)?, read_points::<3>(target)?);
+            let (s, t) = (read::<3>(source)?, read::<3>(target)?);
             let m = numbers::<16>(start)?;
-            let rotation = Matrix3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]);
+            let rotation = rotation(Matrix3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]))?;
             let initial = Isometry3::from_matrix(&rotation, &Vector3::new(m[3], m[7], m[11]));
             repeat(reps, || align_3d(&s, &t, &initial, max_distance))?
         }
         other => bail!("dim {other} is neither 2 nor 3"),
     };
     Ok(format!("{case} {outcome}"))
+}
+
+fn read<const D: usize>(path: &str) -> anyhow::Result<Vec<SVector<f64, D>>> {
+    read_points(Path::new(path)).map_err(|error| match error {
+        Error::Io { .. } => error.into(),
+        _ => anyhow!("{path}: {error}"),
+    })
+}
+
+/// The rotation of a start, which must be one.
+fn rotation<const D: usize>(matrix: SMatrix<f64, D, D>) -> anyhow::Result<SMatrix<f64, D, D>> {
+    let off = (matrix.transpose() * matrix - SMatrix::identity()).norm();
+    // the shared cases are written with nine digits
+    if off.is_nan() || off > 1e-6 {
+        bail!("the start is not a rotation and a translation");
+    }
+    Ok(matrix)
 }
 
 fn numbers<const K: usize>(words: &[&str]) -> anyhow::Result<[f64; K]> {
@@ -130,10 +173,8 @@ fn align_2d(
     let target = Target::new(&Cloud::new(target.to_vec())?.estimate_normals(8, &Vector2::zeros())?)?;
     let source = Cloud::new(source.to_vec())?.estimate_normals(8, &Vector2::zeros())?;
     let prepared = begin.elapsed().as_secs_f64();
-    let params = IcpParams { max_distance: 0.5, ..IcpParams::laser_2d() };
-    let window = SearchParams::near_start(max_distance);
-    let coarse = branch_and_bound_2d(&target, &source, initial, &window)?;
-    let found = target.align(&source, &coarse.best().target_from_source, &params)?;
+    let params = NearStartParams::laser_2d(max_distance);
+    let found = align_near_start(&target, &source, initial, &params)?;
     Ok(timed(&found, prepared, begin.elapsed().as_secs_f64()))
 }
 

@@ -26,6 +26,7 @@ fn main() -> anyhow::Result<()> {
     let params = SearchParams3::all_rotations(0.5 * size, 1e-3 * size * size);
     let found =
         branch_and_bound_3d(&Target::new(&Cloud::new(model)?)?, &source, &Isometry3::identity(), &params)?;
+    let found = found.best();
     println!("{}", found.target_from_source);
     println!("root mean square distance {:.4} m over {} points", found.cost.sqrt(), source.len());
     println!("{} boxes; no pose is better than {:.4} m", found.nodes, found.lower_bound.sqrt());

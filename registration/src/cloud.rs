@@ -1,10 +1,11 @@
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 use crate::Error;
 use crate::kd_tree::KdTree;
+use crate::linalg::symmetric_eigen;
 use crate::normals;
 
-/// Finite points in `D` dimensions with optional normals.
+/// Finite points in `D` dimensions with optional normals and covariances.
 ///
 /// Points are metres in one frame, usually the sensor's.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -13,6 +14,7 @@ pub struct Cloud<const D: usize> {
     normals: Option<Vec<SVector<f64, D>>>,
     /// Variance of the neighbours across the local line or plane, if the normals were estimated.
     variances: Option<Vec<f64>>,
+    covariances: Option<Vec<SMatrix<f64, D, D>>>,
 }
 
 impl<const D: usize> Cloud<D> {
@@ -23,7 +25,7 @@ impl<const D: usize> Cloud<D> {
     pub fn new(points: Vec<SVector<f64, D>>) -> Result<Self, Error> {
         match points.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
             Some(index) => Err(Error::NonFinitePoint { index }),
-            None => Ok(Self { points, normals: None, variances: None }),
+            None => Ok(Self { points, normals: None, variances: None, covariances: None }),
         }
     }
 
@@ -60,6 +62,43 @@ impl<const D: usize> Cloud<D> {
         Ok(self)
     }
 
+    /// The same cloud with these covariances of the points, m², in the axes of the points, one a point; see
+    /// [`crate::RangeBearingNoise`] for those of a sonar.
+    ///
+    /// # Errors
+    /// [`Error::LengthMismatch`], [`Error::NonFinite`], or [`Error::NotPositiveDefinite`].
+    pub fn with_covariances(mut self, covariances: Vec<SMatrix<f64, D, D>>) -> Result<Self, Error> {
+        if covariances.len() != self.points.len() {
+            return Err(Error::LengthMismatch {
+                what: "covariances",
+                found: covariances.len(),
+                expected: self.points.len(),
+            });
+        }
+        for covariance in &covariances {
+            if !covariance.iter().all(|v| v.is_finite()) {
+                return Err(Error::NonFinite { what: "a covariance of a point" });
+            }
+            let asymmetry = (covariance - covariance.transpose()).norm();
+            if asymmetry > 1e-9 * covariance.norm() || symmetric_eigen(covariance).0[0] <= 0.0 {
+                return Err(Error::NotPositiveDefinite { what: "a covariance of a point" });
+            }
+        }
+        self.covariances = Some(covariances);
+        Ok(self)
+    }
+
+    /// The same cloud with covariances from the `neighbors` nearest points (the point itself included): their
+    /// scatter about their mean, and `noise`² (metres) along every axis.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] when `neighbors` is smaller than 2 or `noise` is not positive.
+    pub fn estimate_covariances(mut self, neighbors: usize, noise: f64) -> Result<Self, Error> {
+        let tree = KdTree::new(&self.points)?;
+        self.covariances = Some(normals::covariances(&self.points, &tree, neighbors, noise)?);
+        Ok(self)
+    }
+
     /// The points.
     pub fn points(&self) -> &[SVector<f64, D>] {
         &self.points
@@ -68,6 +107,11 @@ impl<const D: usize> Cloud<D> {
     /// The unit normals, one a point, if there are any.
     pub fn normals(&self) -> Option<&[SVector<f64, D>]> {
         self.normals.as_deref()
+    }
+
+    /// The covariances of the points, m², if there are any.
+    pub fn covariances(&self) -> Option<&[SMatrix<f64, D, D>]> {
+        self.covariances.as_deref()
     }
 
     /// Noise variance of each point across its surface, m², if the normals were estimated.

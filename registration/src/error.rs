@@ -30,6 +30,11 @@ pub enum Error {
         /// Which cloud.
         what: &'static str,
     },
+    /// A residual that needs covariances met two clouds without them.
+    #[error(
+        "neither cloud has covariances, which this residual needs: see `Cloud::with_covariances` and `estimate_covariances`"
+    )]
+    MissingCovariances,
     /// Two lists that belong together differ in length.
     #[error("{what}: {found} entries for {expected} points")]
     LengthMismatch {
@@ -67,12 +72,24 @@ pub enum Error {
         range: &'static str,
     },
     /// Points so far apart that a grid over them would not fit in memory.
-    #[error("a grid of {cells} cells over the points exceeds the limit of {limit}")]
+    #[error(
+        "{what} spans {width} m x {height} m, which in cells of {cell} m makes a grid of {cells} cells (limit {limit}); its farthest point is {farthest}"
+    )]
     GridTooLarge {
+        /// Which set of points.
+        what: &'static str,
+        /// Extent of the points in x, metres.
+        width: f64,
+        /// Extent of the points in y, metres.
+        height: f64,
+        /// Edge of a cell, metres.
+        cell: f64,
         /// Cells the grid would have.
         cells: u64,
         /// Largest number allowed.
         limit: u64,
+        /// Index of the point farthest from the median of the coordinates: the likely culprit.
+        farthest: usize,
     },
     /// A covariance that is not positive definite.
     #[error("{what} is not positive definite")]

@@ -19,8 +19,12 @@ pub mod io;
 mod kd_tree;
 mod linalg;
 mod motion;
+mod multi_start;
+mod noise;
 mod normals;
 mod outlier;
+mod parallel;
+mod sliding_window;
 
 pub use cloud::Cloud;
 pub use downsample::{mean_downsample, medoid_downsample, medoid_indices};
@@ -31,7 +35,10 @@ pub use icp::{
 };
 pub use kd_tree::{KdTree, Neighbor};
 pub use motion::RigidMotion;
+pub use multi_start::{MultiStart, StartMode, starts_around};
+pub use noise::RangeBearingNoise;
 pub use outlier::{radius_outlier_filter, radius_outlier_indices};
+pub use sliding_window::SlidingWindow;
 
 /// Standard deviation given to degenerate directions in a covariance, metres (and radians times the size of the
 /// scan): far beyond any scan, yet harmless when inverted.

@@ -24,6 +24,9 @@ pub trait RigidMotion<const D: usize, const N: usize>: LieGroup<N> {
     /// `point_jacobian(r)ᵀ v`: a force `v` at `r` and its torque.
     fn wrench(r: &SVector<f64, D>, v: &SVector<f64, D>) -> SVector<f64, N>;
 
+    /// `point_jacobian(r)ᵀ W point_jacobian(r)` for a symmetric `W`; only the upper triangle is filled.
+    fn gram(r: &SVector<f64, D>, w: &SMatrix<f64, D, D>) -> SMatrix<f64, N, N>;
+
     /// Turns a tangent vector's axes: `[R ρ, R φ]` (`φ` stays in the plane).
     fn turn_tangent(rotation: &SMatrix<f64, D, D>) -> SMatrix<f64, N, N>;
 
@@ -69,6 +72,12 @@ impl RigidMotion<2, 3> for Isometry2<f64> {
     fn wrench(r: &Vector2<f64>, v: &Vector2<f64>) -> Vector3<f64> {
         Vector3::new(v.x, v.y, r.x * v.y - r.y * v.x)
     }
+    #[inline]
+    fn gram(r: &Vector2<f64>, w: &Matrix2<f64>) -> Matrix3<f64> {
+        // the last column of W J: W applied to the quarter turn of r
+        let b = Vector2::new(w.m12 * r.x - w.m11 * r.y, w.m22 * r.x - w.m12 * r.y);
+        Matrix3::new(w.m11, w.m12, b.x, 0.0, w.m22, b.y, 0.0, 0.0, r.x * b.y - r.y * b.x)
+    }
     fn turn_tangent(rotation: &Matrix2<f64>) -> Matrix3<f64> {
         let mut m = Matrix3::identity();
         m.fixed_view_mut::<2, 2>(0, 0).copy_from(rotation);
@@ -104,6 +113,30 @@ impl RigidMotion<3, 6> for Isometry3<f64> {
         let t = r.cross(v);
         SVector::<f64, 6>::new(v.x, v.y, v.z, t.x, t.y, t.z)
     }
+    #[inline]
+    fn gram(r: &Vector3<f64>, w: &Matrix3<f64>) -> SMatrix<f64, 6, 6> {
+        // the last three columns of W J: W applied to the cross products of the axes with r
+        let (x, y, z) = (r.x, r.y, r.z);
+        let b = [
+            Vector3::new(w.m13 * y - w.m12 * z, w.m23 * y - w.m22 * z, w.m33 * y - w.m23 * z),
+            Vector3::new(w.m11 * z - w.m13 * x, w.m12 * z - w.m23 * x, w.m13 * z - w.m33 * x),
+            Vector3::new(w.m12 * x - w.m11 * y, w.m22 * x - w.m12 * y, w.m23 * x - w.m13 * y),
+        ];
+        let mut m = SMatrix::<f64, 6, 6>::zeros();
+        (m[(0, 0)], m[(0, 1)], m[(0, 2)]) = (w.m11, w.m12, w.m13);
+        (m[(1, 1)], m[(1, 2)], m[(2, 2)]) = (w.m22, w.m23, w.m33);
+        for (k, column) in b.iter().enumerate() {
+            (m[(0, 3 + k)], m[(1, 3 + k)], m[(2, 3 + k)]) = (column.x, column.y, column.z);
+            m[(3, 3 + k)] = y * column.z - z * column.y;
+            if k > 0 {
+                m[(4, 3 + k)] = z * column.x - x * column.z;
+            }
+            if k > 1 {
+                m[(5, 3 + k)] = x * column.y - y * column.x;
+            }
+        }
+        m
+    }
     fn turn_tangent(rotation: &Matrix3<f64>) -> SMatrix<f64, 6, 6> {
         let mut m = SMatrix::<f64, 6, 6>::zeros();
         m.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation);
@@ -116,5 +149,32 @@ impl RigidMotion<3, 6> for Isometry3<f64> {
         let sign = if (u * v_t).determinant() < 0.0 { -1.0 } else { 1.0 };
         // singular values come in descending order: a reflection is repaired along the weakest
         u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn check<const D: usize, const N: usize, G: RigidMotion<D, N>>(
+        r: SVector<f64, D>,
+        a: SMatrix<f64, D, D>,
+    ) {
+        let w = a + a.transpose();
+        let j = G::point_jacobian(&r);
+        let (expected, found) = (j.transpose() * w * j, G::gram(&r, &w));
+        for (i, k) in (0..N).flat_map(|i| (i..N).map(move |k| (i, k))) {
+            assert!((expected[(i, k)] - found[(i, k)]).abs() < 1e-12, "{i} {k}: {expected} {found}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn gram_is_the_product_of_the_jacobians(v in prop::array::uniform12(-1.0..1.0f64)) {
+            check::<2, 3, Isometry2<f64>>(Vector2::new(v[0], v[1]), Matrix2::from_row_slice(&v[2..6]));
+            check::<3, 6, Isometry3<f64>>(Vector3::new(v[0], v[1], v[2]), Matrix3::from_row_slice(&v[3..12]));
+        }
     }
 }

@@ -4,6 +4,7 @@ use crate::Error;
 use crate::error::check;
 use crate::kd_tree::{KdTree, Neighbor};
 use crate::linalg::symmetric_eigen;
+use crate::parallel;
 
 /// The local line or plane through every point.
 pub(crate) struct Surface<const D: usize> {
@@ -11,6 +12,9 @@ pub(crate) struct Surface<const D: usize> {
     /// Variance of the neighbours across it, m²: the noise of the points there.
     pub(crate) variances: Vec<f64>,
 }
+
+/// Raises an upper bound of a distance above its rounding.
+const ROUNDING: f64 = 1.0 + 1e-9;
 
 /// Unit normals from the `neighbors` nearest points, turned towards `viewpoint`.
 pub(crate) fn estimate<const D: usize>(
@@ -20,20 +24,58 @@ pub(crate) fn estimate<const D: usize>(
     viewpoint: &SVector<f64, D>,
 ) -> Result<Surface<D>, Error> {
     check("neighbors", neighbors as f64, neighbors >= D, "D or more")?;
-    let mut found: Vec<Neighbor> = Vec::with_capacity(neighbors + 1);
-    let mut normals = vec![SVector::zeros(); points.len()];
-    let mut variances = vec![0.0; points.len()];
-    // in tree order, so that consecutive queries touch the same leaves
-    for &index in tree.order() {
-        let point = &points[index as usize];
-        tree.k_nearest_into(point, neighbors, &mut found);
-        let scatter = scatter(points, point, &found);
-        let (normal, across) = normal_of(&scatter, viewpoint - point);
-        normals[index as usize] = towards(&normal, &(viewpoint - point));
+    let local = for_each_neighborhood(points, tree, neighbors, |point, found| {
+        let (normal, across) = normal_of(&scatter(points, point, found), viewpoint - point);
         // the fit of a line (plane) takes D degrees of freedom
-        variances[index as usize] = across / found.len().saturating_sub(D).max(1) as f64;
-    }
+        let variance = across / found.len().saturating_sub(D).max(1) as f64;
+        (towards(&normal, &(viewpoint - point)), variance)
+    });
+    let (normals, variances) = local.into_iter().unzip();
     Ok(Surface { normals, variances })
+}
+
+/// Scatter of the `neighbors` nearest points about their mean, plus `noise`² along every axis.
+pub(crate) fn covariances<const D: usize>(
+    points: &[SVector<f64, D>],
+    tree: &KdTree<D>,
+    neighbors: usize,
+    noise: f64,
+) -> Result<Vec<SMatrix<f64, D, D>>, Error> {
+    check("neighbors", neighbors as f64, neighbors >= 2, "2 or more")?;
+    check("noise", noise, noise > 0.0 && noise.is_finite(), "more than 0")?;
+    Ok(for_each_neighborhood(points, tree, neighbors, |point, found| {
+        let freedom = found.len().saturating_sub(1).max(1) as f64;
+        scatter(points, point, found) / freedom + SMatrix::identity() * (noise * noise)
+    }))
+}
+
+/// What `local` makes of each point and its nearest points, in the order of the points.
+fn for_each_neighborhood<const D: usize, T: Clone + Send>(
+    points: &[SVector<f64, D>],
+    tree: &KdTree<D>,
+    neighbors: usize,
+    local: impl Fn(&SVector<f64, D>, &[Neighbor]) -> T + Sync,
+) -> Vec<T> {
+    let in_order = |positions: &[u32]| -> Vec<T> {
+        let mut found: Vec<Neighbor> = Vec::with_capacity(neighbors + 1);
+        let (mut previous, mut farthest) = (SVector::repeat(f64::INFINITY), 0.0);
+        let visit = |&index: &u32| {
+            let point = &points[index as usize];
+            // the neighbours of the point before are at most this far, so those of this one are not farther
+            let reach: f64 = (farthest + (point - previous).norm()) * ROUNDING;
+            tree.k_nearest_within(point, neighbors, reach * reach, &mut found);
+            (previous, farthest) = (*point, found.last().map_or(f64::INFINITY, |n| n.distance_sq.sqrt()));
+            local(point, &found)
+        };
+        positions.iter().map(visit).collect()
+    };
+    // in tree order, so that consecutive queries touch the same leaves
+    let local = parallel::map_chunks(tree.order(), in_order);
+    let mut results = local.clone();
+    for (index, result) in tree.order().iter().zip(local) {
+        results[*index as usize] = result;
+    }
+    results
 }
 
 /// Scatter matrix of the neighbours, summed about `point` so that large coordinates lose no digits.

@@ -30,6 +30,7 @@ fn the_bunny_is_found_without_a_start() {
         // box and gap of the demonstration's configuration
         let params = SearchParams3::all_rotations(0.5, 1e-3);
         let found = branch_and_bound_3d(&target, &source, &Isometry3::identity(), &params).unwrap();
+        let found = found.best();
         println!(
             "bunny, {count} points: cost {:.2e}, {} boxes, tree {built:.3} s, search {:.3} s",
             found.cost,

@@ -4,10 +4,10 @@ use std::f64::consts::TAU;
 
 use draco_lie::LieGroup;
 use draco_registration::{
-    Cloud, Covariance, Error, IcpParams, Kernel, Matcher, Optimizer, Rejector, Residual, RigidMotion, Target,
-    Termination,
+    Cloud, Covariance, Error, IcpParams, Kernel, Matcher, Optimizer, RangeBearingNoise, Rejector, Residual,
+    RigidMotion, Target, Termination, starts_around,
 };
-use nalgebra::{Isometry2, Isometry3, Vector2, Vector3, Vector6};
+use nalgebra::{Isometry2, Isometry3, Matrix2, Vector2, Vector3, Vector6};
 
 /// An L-shaped wall and a round pile, sampled finely.
 fn scene_2d() -> Vec<Vector2<f64>> {
@@ -192,4 +192,113 @@ fn wrong_input_is_an_error() {
         target.align(&one, &start, &params),
         Err(Error::Parameter { name: "max_distance", .. })
     ));
+}
+
+#[test]
+fn mahalanobis_with_round_covariances_is_point_to_point() {
+    let truth = Isometry2::new(Vector2::new(0.3, -0.2), 0.08);
+    let seen = pull_back(&scene_2d(), &truth);
+    let round = |points: &[Vector2<f64>]| {
+        Cloud::new(points.to_vec())
+            .unwrap()
+            .with_covariances(vec![Matrix2::identity() * 0.25; points.len()])
+            .unwrap()
+    };
+    let (target, source) = (Target::new(&round(&scene_2d())).unwrap(), round(&seen));
+    let run = |residual| {
+        let params = IcpParams { residual, ..exact_params() };
+        target.align(&source, &Isometry2::identity(), &params).unwrap()
+    };
+    let (weighted, plain) = (run(Residual::Mahalanobis), run(Residual::PointToPoint));
+    assert!(weighted.target_from_source.minus(&plain.target_from_source).norm() < 1e-9);
+    // the noise of a residual coordinate is told in standard deviations: both covariances add to half a square metre
+    assert!((weighted.residuals.sigma * 0.5f64.sqrt() - plain.residuals.sigma).abs() < 1e-9);
+}
+
+#[test]
+fn told_the_noise_of_range_and_bearing_the_error_falls_by_half() {
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, Normal};
+    let noise = RangeBearingNoise { range_sigma: 0.02, bearing_sigma: 0.02 };
+    let normal = |sigma| Normal::new(0.0, sigma).unwrap();
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+    let beams: Vec<(f64, f64)> =
+        (0..14).map(|i| (2.0 + 3.0 * f64::from(i), -1.0 + 0.15 * f64::from(5 * i % 14))).collect();
+    let mut scan = || -> Vec<Vector2<f64>> {
+        let seen = |&(r, b): &(f64, f64)| {
+            let (r, b) = (r + normal(0.02).sample(&mut rng), b + normal(0.02).sample(&mut rng));
+            Vector2::new(r * b.cos(), r * b.sin())
+        };
+        beams.iter().map(seen).collect()
+    };
+    let (mut weighted, mut plain) = (0.0, 0.0);
+    for _ in 0..100 {
+        let ready = |points: Vec<Vector2<f64>>| {
+            let covariances = noise.covariances(&points).unwrap();
+            Cloud::new(points).unwrap().with_covariances(covariances).unwrap()
+        };
+        let (target, source) = (Target::new(&ready(scan())).unwrap(), ready(scan()));
+        let error = |residual| {
+            let params = IcpParams { residual, max_distance: 10.0, ..exact_params() };
+            let found = target.align(&source, &Isometry2::identity(), &params).unwrap();
+            found.target_from_source.translation.vector.norm_squared()
+        };
+        weighted += error(Residual::Mahalanobis);
+        plain += error(Residual::PointToPoint);
+    }
+    assert!(weighted < 0.25 * plain, "{weighted} {plain}");
+}
+
+#[test]
+fn covariances_are_checked_and_needed() {
+    let points = scene_2d();
+    let cloud = Cloud::new(points.clone()).unwrap();
+    let params = IcpParams { residual: Residual::Mahalanobis, ..exact_params() };
+    let target = Target::new(&cloud).unwrap();
+    assert_eq!(target.align(&cloud, &Isometry2::identity(), &params).unwrap_err(), Error::MissingCovariances);
+    let with = |c: Matrix2<f64>| cloud.clone().with_covariances(vec![c; points.len()]);
+    assert!(matches!(with(Matrix2::new(1.0, 0.0, 0.0, -1.0)), Err(Error::NotPositiveDefinite { .. })));
+    assert!(matches!(with(Matrix2::new(1.0, f64::NAN, 0.0, 1.0)), Err(Error::NonFinite { .. })));
+    assert!(matches!(cloud.clone().with_covariances(vec![]), Err(Error::LengthMismatch { found: 0, .. })));
+    let estimated = cloud.estimate_covariances(8, 0.01).unwrap();
+    let found = target.align(&estimated, &Isometry2::identity(), &params).unwrap();
+    assert!(found.target_from_source.log().norm() < 1e-9);
+}
+
+#[test]
+fn many_starts_find_what_one_misses_and_rank_it_first() {
+    let truth = Isometry2::new(Vector2::new(6.0, -5.0), 2.5);
+    let target = Target::new(&Cloud::new(scene_2d()).unwrap()).unwrap();
+    let source = Cloud::new(pull_back(&scene_2d(), &truth)).unwrap();
+    let params = IcpParams { max_distance: 2.0, overlap_radius: 0.1, ..exact_params() };
+    let one = target.align(&source, &Isometry2::identity(), &params).unwrap();
+    assert!(one.target_from_source.minus(&truth).norm() > 0.3, "{one:?}");
+    let starts = starts_around(&Isometry2::identity(), &Vector3::new(8.0, 8.0, 3.0), &[7, 7, 7]).unwrap();
+    assert_eq!((starts.len(), starts[0]), (343, Isometry2::identity()));
+    let found = target.align_from(&source, &starts, &params).unwrap();
+    let best = found.best();
+    assert!(best.registration.target_from_source.minus(&truth).norm() < 0.1, "{best:?}");
+    assert!(best.support > 0.9 && found.ambiguity().unwrap() < 0.8);
+    assert!(found.modes.windows(2).all(|w| w[0].support >= w[1].support));
+    assert!(matches!(
+        target.align_from::<3, Isometry2<f64>>(&source, &[], &params),
+        Err(Error::TooFewPoints { .. })
+    ));
+}
+
+#[test]
+fn stages_of_shrinking_reach_find_what_the_last_alone_misses() {
+    let truth = Isometry2::new(Vector2::new(0.9, -0.4), 0.1);
+    let target = Target::new(&Cloud::new(scene_2d()).unwrap()).unwrap();
+    let source = Cloud::new(pull_back(&scene_2d(), &truth)).unwrap();
+    let fine = IcpParams { max_distance: 0.25, ..exact_params() };
+    let stages = fine.coarse_to_fine(2.0);
+    assert_eq!(stages.iter().map(|s| s.max_distance).collect::<Vec<_>>(), [2.0, 1.0, 0.5, 0.25]);
+    assert_eq!(stages[3], fine);
+    let start = Isometry2::identity();
+    let alone = target.align(&source, &start, &fine).unwrap();
+    let staged = target.align_in_stages(&source, &start, &stages).unwrap();
+    assert!(alone.target_from_source.minus(&truth).norm() > 0.1, "{alone:?}");
+    assert!(staged.target_from_source.minus(&truth).norm() < 0.03, "{staged:?}");
+    assert!(staged.iterations > stages.len());
 }

@@ -1,8 +1,8 @@
 //! What must hold for any scans: inverse, shift, permutation, chains and degenerate sets.
 
 use draco_lie::LieGroup;
-use draco_registration::{Cloud, IcpParams, Registration, Residual, StopRule, Target, Termination};
-use nalgebra::{Isometry2, Vector2};
+use draco_registration::{Cloud, Error, IcpParams, Registration, Residual, StopRule, Target, Termination};
+use nalgebra::{Isometry2, Isometry3, Vector2, Vector3, Vector6};
 use proptest::prelude::*;
 
 /// A room corner with a column, with a fixed ripple as noise.
@@ -110,14 +110,19 @@ fn one_point_and_equal_points_give_an_answer_that_claims_nothing() {
 #[test]
 fn a_long_chain_of_answers_stays_a_rotation() {
     let target = cloud(scene(60), Vector2::zeros());
-    let source = cloud(moved(&scene(60), &Isometry2::new(Vector2::new(0.01, 0.0), 0.02)), Vector2::zeros());
-    let step = align(&target, &source, &Isometry2::identity()).target_from_source;
+    let step = |k: i32| {
+        let turn = Isometry2::new(Vector2::new(0.01, 0.0), 0.005 * f64::from(k));
+        align(&target, &cloud(moved(&scene(60), &turn), Vector2::zeros()), &Isometry2::identity())
+            .target_from_source
+    };
+    let steps: Vec<_> = (-4..5).map(step).collect();
     let mut pose = Isometry2::identity();
-    for _ in 0..100_000 {
-        pose = pose.compose(&step).renormalize();
+    for k in 0..100_000 {
+        pose = pose.compose(&steps[k % steps.len()]);
     }
-    assert!((pose.rotation.norm() - 1.0).abs() < 1e-14);
-    let again = align(&target, &source, &step);
+    let r = pose.rotation.to_rotation_matrix().into_inner();
+    assert!((r.transpose() * r - nalgebra::Matrix2::identity()).norm() < 1e-13);
+    let again = align(&target, &cloud(scene(60), Vector2::zeros()), &steps[0]);
     assert!((again.target_from_source.rotation.norm() - 1.0).abs() < 1e-15);
 }
 
@@ -126,4 +131,140 @@ fn the_same_call_twice_gives_the_same_bits() {
     let (target, source) = (cloud(scene(240), Vector2::zeros()), cloud(scene(200), Vector2::zeros()));
     let start = Isometry2::new(Vector2::new(0.1, -0.1), 0.05);
     assert_eq!(align(&target, &source, &start), align(&target, &source, &start));
+}
+
+const RESIDUALS: [Residual; 4] =
+    [Residual::PointToPoint, Residual::PointToPlane, Residual::Symmetric, Residual::PlaneToPlane];
+
+fn with(residual: Residual) -> IcpParams {
+    IcpParams { residual, ..exact() }
+}
+
+/// A bent sheet with a pole, uneven enough to fix all six directions.
+fn scene_3d() -> Vec<Vector3<f64>> {
+    (0..900)
+        .map(|i| {
+            let (u, v) = (f64::from(i % 30) / 5.0, f64::from(i / 30) / 5.0);
+            match i % 30 {
+                0..20 => Vector3::new(u, v, 0.3 * (1.3 * u).sin() + 0.2 * (0.9 * v).cos()),
+                _ => Vector3::new(5.0 + 0.4 * (2.0 * v).sin(), v, u - 4.0),
+            }
+        })
+        .collect()
+}
+
+fn cloud_3d(points: Vec<Vector3<f64>>, view: &Vector3<f64>) -> Cloud<3> {
+    Cloud::new(points).unwrap().estimate_normals(8, view).unwrap()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(6))]
+
+    #[test]
+    fn in_space_inverse_shift_and_order_hold_for_every_residual(
+        xi in prop::array::uniform6(-0.03..0.03f64),
+        seed in 0u64..1000,
+    ) {
+        use rand::{SeedableRng, seq::SliceRandom};
+        let view = Vector3::new(2.0, 2.0, 8.0);
+        let truth = Isometry3::exp(&Vector6::from(xi));
+        let target = scene_3d();
+        let seen: Vec<_> = target.iter().map(|p| truth.inverse_transform_point(&(*p).into()).coords).collect();
+        let source_view = truth.inverse_transform_point(&view.into()).coords;
+        let run = |target: &[Vector3<f64>], source: &[Vector3<f64>], shift: Vector3<f64>, residual| {
+            let moved = |points: &[Vector3<f64>]| points.iter().map(|p| p + shift).collect::<Vec<_>>();
+            let ready = Target::new(&cloud_3d(moved(target), &(view + shift))).unwrap();
+            ready.align(&cloud_3d(moved(source), &(source_view + shift)), &Isometry3::identity(), &with(residual)).unwrap()
+        };
+        for residual in RESIDUALS {
+            let there = run(&target, &seen, Vector3::zeros(), residual).target_from_source;
+            // points nearest by chance may hold a point-to-point fit within a spacing of the truth
+            let tolerance = if residual == Residual::PointToPoint { 0.1 } else { 1e-7 };
+            prop_assert!(there.minus(&truth).norm() < tolerance, "{residual:?} {}", there.minus(&truth).norm());
+            let back = {
+                let ready = Target::new(&cloud_3d(seen.clone(), &source_view)).unwrap();
+                ready.align(&cloud_3d(target.clone(), &view), &Isometry3::identity(), &with(residual)).unwrap()
+            };
+            prop_assert!((there * back.target_from_source).log().norm() < 2.0 * tolerance, "{residual:?}");
+            let shift = Vector3::new(1e6, -1e6, 1e6);
+            let away = run(&target, &seen, shift, residual).target_from_source;
+            for p in seen.iter().step_by(150) {
+                let here = there.transform_point(&(*p).into()).coords;
+                let far = away.transform_point(&(p + shift).into()).coords - shift;
+                prop_assert!((here - far).norm() < 1e-3, "{residual:?} {}", (here - far).norm());
+            }
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+            let (mut other_target, mut other_seen) = (target.clone(), seen.clone());
+            other_target.shuffle(&mut rng);
+            other_seen.shuffle(&mut rng);
+            let again = run(&other_target, &other_seen, Vector3::zeros(), residual).target_from_source;
+            prop_assert!(there.minus(&again).norm() < 1e-9, "{residual:?} {:e}", there.minus(&again).norm());
+        }
+    }
+
+    #[test]
+    fn with_noise_there_and_back_agree_within_their_covariances(seed in 0u64..1000) {
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let mut noisy = |points: Vec<Vector2<f64>>| -> Vec<Vector2<f64>> {
+            points.iter().map(|p| p + Vector2::new(rng.random_range(-0.02..0.02), rng.random_range(-0.02..0.02))).collect()
+        };
+        let truth = Isometry2::new(Vector2::new(0.1, -0.05), 0.04);
+        let view = Vector2::new(3.0, 1.0);
+        let target = cloud(noisy(scene(300)), view);
+        let source = cloud(noisy(moved(&scene(280), &truth.inverse())), truth.inverse_transform_point(&view.into()).coords);
+        for residual in RESIDUALS {
+            let params = IcpParams { residual, ..IcpParams::laser_2d() };
+            let there = Target::new(&target).unwrap().align(&source, &Isometry2::identity(), &params).unwrap();
+            let back = Target::new(&source).unwrap().align(&target, &Isometry2::identity(), &params).unwrap();
+            let loop_error = (there.target_from_source * back.target_from_source).log();
+            let sigma = (there.covariance.trace() + back.covariance.trace()).sqrt();
+            prop_assert!(loop_error.norm() < 4.0 * sigma, "{residual:?}: {} of {sigma}", loop_error.norm());
+        }
+    }
+}
+
+#[test]
+fn degenerate_sets_are_answered_by_every_residual() {
+    let line: Vec<_> = (0..80).map(|i| Vector2::new(0.1 * f64::from(i), 2.0)).collect();
+    let sets = [vec![Vector2::new(1.0, 2.0)], vec![Vector2::new(1.0, 2.0); 30], line];
+    for points in sets {
+        for residual in RESIDUALS {
+            let same = cloud(points.clone(), Vector2::zeros());
+            let found =
+                Target::new(&same).unwrap().align(&same, &Isometry2::identity(), &with(residual)).unwrap();
+            assert!(found.target_from_source.log().norm() < 1e-12, "{residual:?} {found:?}");
+            assert!(found.covariance.iter().all(|v| v.is_finite()), "{residual:?}");
+            // equal points hold a line against a slide where the residual counts what lies along it
+            let slides =
+                points.len() < 80 || matches!(residual, Residual::PointToPlane | Residual::Symmetric);
+            assert_eq!(found.is_degenerate(), slides, "{residual:?} {} points", points.len());
+        }
+    }
+}
+
+#[test]
+fn empty_sets_and_numbers_that_are_none_are_errors() {
+    let empty = Cloud::<2>::new(Vec::new()).unwrap();
+    let some = cloud(scene(60), Vector2::zeros());
+    let start = Isometry2::identity();
+    assert!(matches!(Target::new(&empty), Err(Error::TooFewPoints { .. })));
+    let target = Target::new(&some).unwrap();
+    for residual in RESIDUALS {
+        let none = target.align(
+            &empty.clone().estimate_normals(5, &Vector2::zeros()).unwrap(),
+            &start,
+            &with(residual),
+        );
+        assert!(matches!(none, Err(Error::TooFewPoints { .. })));
+        for bad in [f64::NAN, f64::INFINITY] {
+            let start = Isometry2::new(Vector2::new(bad, 0.0), 0.0);
+            assert!(matches!(target.align(&some, &start, &with(residual)), Err(Error::NonFinite { .. })));
+        }
+    }
+    for bad in [f64::NAN, f64::NEG_INFINITY] {
+        let mut points = scene(10);
+        points[7].y = bad;
+        assert_eq!(Cloud::new(points).unwrap_err(), Error::NonFinitePoint { index: 7 });
+    }
 }

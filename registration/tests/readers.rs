@@ -98,3 +98,40 @@ proptest! {
         }
     }
 }
+
+/// What `.ci` runs with more: the same mutations, a hundred thousand files from a fixed seed.
+#[test]
+fn a_hundred_thousand_mutated_files_never_panic() {
+    use rand::{RngExt, SeedableRng};
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(17);
+    let seeds: [Vec<u8>; 7] = [
+        PLY.into(),
+        PCD.into(),
+        VTK.into(),
+        binary_ply(false),
+        binary_ply(true),
+        binary_pcd(),
+        b"x y\n1 2\n3 4\n".to_vec(),
+    ];
+    let (mut read, mut refused) = (0, 0);
+    for round in 0..120_000usize {
+        let seed = &seeds[round % seeds.len()];
+        let edits: Vec<_> = (0..rng.random_range(1..6))
+            .map(|_| (rng.random_range(0..400), rng.random::<u8>(), rng.random::<u8>()))
+            .collect();
+        let bytes = mutated(seed.clone(), &edits);
+        for points in [parse_ply::<3>(&bytes), parse_pcd(&bytes), parse_vtk(&bytes), parse_columns(&bytes)] {
+            match points {
+                Ok(points) => {
+                    read += 1;
+                    assert!(points.iter().all(|p| p.iter().all(|v| v.is_finite())));
+                }
+                Err(error) => {
+                    refused += 1;
+                    assert!(!error.to_string().contains('\n'), "{error}");
+                }
+            }
+        }
+    }
+    assert!(read > 10_000 && refused > 100_000, "{read} {refused}");
+}

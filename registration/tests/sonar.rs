@@ -1,13 +1,13 @@
 //! Real imaging sonar: pairs of keyframes of different robots within 5 m and 30°, started 1 m and 5° off.
 //!
-//! Run with `--nocapture` for the table that the README quotes. Truth is a DGPS float, good to 0.5 to 1 m, so a
+//! Run with `--nocapture` for the table that the README quotes, and with `DRACO_ROC_SVG=FILE` for its picture. Truth is a DGPS float, good to 0.5 to 1 m, so a
 //! match counts as right within 1.5 m and 5°.
 
 use std::f64::consts::{PI, TAU};
 use std::path::PathBuf;
 
 use draco_registration::correlative::{CorrelativeParams, Start, Target as Field};
-use draco_registration::{Cloud, IcpParams, Target};
+use draco_registration::{Cloud, IcpParams, SlidingWindow, Target};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -51,12 +51,12 @@ fn keyframes() -> Option<Vec<Keyframe>> {
     Some(keyframes)
 }
 
-/// The scan of keyframe `k` with those of up to `width` neighbours of the same robot, by dead reckoning.
-fn merged(all: &[Keyframe], k: usize, width: usize) -> Vec<Vector2<f64>> {
+/// The scan of keyframe `k` with those of up to `width` neighbours of the same robot, placed by `poses`.
+fn merged(all: &[Keyframe], poses: &[Isometry2<f64>], k: usize, width: usize) -> Vec<Vector2<f64>> {
     let near = k.saturating_sub(width)..(k + width + 1).min(all.len());
     near.filter(|&i| all[i].robot == all[k].robot)
         .flat_map(|i| {
-            let here = all[k].dead_reckoning.inv_mul(&all[i].dead_reckoning);
+            let here = poses[k].inv_mul(&poses[i]);
             all[i].points.iter().map(move |p| here.transform_point(&(*p).into()).coords)
         })
         .collect()
@@ -64,6 +64,45 @@ fn merged(all: &[Keyframe], k: usize, width: usize) -> Vec<Vector2<f64>> {
 
 fn angle(a: f64) -> f64 {
     (a + PI).rem_euclid(TAU) - PI
+}
+
+/// Poses of one robot's keyframes from its own dead reckoning and points alone: each scan is matched with a sliding
+/// window of those before it, and the scale of the odometry is estimated from the matches, twice.
+fn local_map(all: &[Keyframe], robot: u32) -> Vec<Isometry2<f64>> {
+    let own: Vec<&Keyframe> = all.iter().filter(|k| k.robot == robot).collect();
+    let mut scale = 1.0;
+    let mut poses = Vec::new();
+    for _round in 0..2 {
+        let mut window = SlidingWindow::<Isometry2<f64>, 2>::new(15).unwrap();
+        let (mut products, mut squares) = (25.0, 25.0);
+        poses = vec![Isometry2::identity()];
+        window.push(poses[0], own[0].points.clone()).unwrap();
+        for k in 1..own.len() {
+            let step = own[k - 1].dead_reckoning.inv_mul(&own[k].dead_reckoning);
+            let scaled = Isometry2::from_parts((scale * step.translation.vector).into(), step.rotation);
+            let mut found = poses[k - 1] * scaled;
+            let target: Vec<_> =
+                window.merged(&poses[k - 1], 0.35).unwrap().into_iter().map(Point2::from).collect();
+            if own[k].points.len() >= 40 && target.len() >= 40 {
+                let sigma = nalgebra::Vector3::new(0.6, 0.6, 0.015);
+                let prior = Matrix3::from_diagonal(&sigma.component_mul(&sigma));
+                let start = Start { target_from_source: scaled, covariance: Some(prior) };
+                let source: Vec<_> = own[k].points.iter().map(|p| Point2::from(*p)).collect();
+                let field = Field::new(&target, &CorrelativeParams::default()).unwrap();
+                let matched = field.locate(&source, &start).unwrap();
+                if matched.score > 0.35 {
+                    found = poses[k - 1] * matched.target_from_source;
+                    products += step.translation.vector.dot(&matched.target_from_source.translation.vector);
+                    squares += step.translation.vector.norm_squared();
+                }
+            }
+            poses.push(found);
+            window.push(found, own[k].points.clone()).unwrap();
+        }
+        scale = products / squares;
+        println!("robot {robot}: scale of the odometry {scale:.3}");
+    }
+    poses
 }
 
 struct Trial {
@@ -98,6 +137,38 @@ fn area(trials: &[Trial], measure: impl Fn(&Trial) -> f64) -> f64 {
         }
     }
     wins / pairs
+}
+
+/// The curve of [`area`]: share of the right ones called wrong, share of the wrong ones called wrong.
+fn curve(trials: &[Trial], measure: impl Fn(&Trial) -> f64) -> Vec<(f64, f64)> {
+    let mut limits: Vec<f64> = trials.iter().map(&measure).collect();
+    limits.sort_by(|a, b| b.total_cmp(a));
+    limits.dedup();
+    let share = |right: bool, limit: f64| {
+        let of: Vec<_> = trials.iter().filter(|t| t.right == right).collect();
+        of.iter().filter(|t| measure(t) >= limit).count() as f64 / of.len() as f64
+    };
+    let step = limits.len().div_ceil(60);
+    let drawn = limits.iter().step_by(step).chain(limits.last());
+    std::iter::once((0.0, 0.0)).chain(drawn.map(|&l| (share(true, l), share(false, l)))).collect()
+}
+
+fn svg(curves: &[(String, Vec<(f64, f64)>)]) -> String {
+    const COLORS: [&str; 4] = ["#c33", "#e90", "#36c", "#292"];
+    let mut text = String::from(
+        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='-40 -10 560 350' font-family='sans-serif' font-size='11'>\n<rect width='300' height='300' fill='none' stroke='black'/><path d='M0 300 300 0' stroke='#bbb'/>\n<text x='60' y='325'>share of right matches called wrong</text><text transform='translate(-12 260) rotate(-90)'>share of wrong matches called wrong</text>\n",
+    );
+    for (k, (name, points)) in curves.iter().enumerate() {
+        let path: Vec<_> =
+            points.iter().map(|(x, y)| format!("{:.0} {:.0}", 300.0 * x, 300.0 * (1.0 - y))).collect();
+        let (color, y) = (COLORS[k % COLORS.len()], 20 + 18 * k);
+        text += &format!(
+            "<polyline points='{}' fill='none' stroke='{color}' stroke-width='2'/>\n",
+            path.join(" ")
+        );
+        text += &format!("<text x='312' y='{y}' fill='{color}'>{name}</text>\n");
+    }
+    text + "</svg>\n"
 }
 
 fn icp(
@@ -172,11 +243,21 @@ fn real_sonar_pairs_are_matched() {
         }
     }
     assert!(pairs.len() > 200);
-    let mut results = Vec::new();
-    for (source_width, target_width) in [(0, 0), (0, 3), (2, 4)] {
+    let (mut results, mut curves) = (Vec::new(), Vec::new());
+    let reckoned: Vec<_> = all.iter().map(|k| k.dead_reckoning).collect();
+    let mapped: Vec<_> = (0..3).flat_map(|robot| local_map(&all, robot)).collect();
+    let cases = [
+        (0, 0, "-", &reckoned),
+        (2, 4, "dead reckoning", &reckoned),
+        (0, 7, "own map", &mapped),
+        (2, 4, "own map", &mapped),
+        (3, 7, "own map", &mapped),
+    ];
+    for (source_width, target_width, by, poses) in cases {
         let mut trials: [Vec<Trial>; 3] = Default::default();
         for (a, b, truth, start) in &pairs {
-            let (target, source) = (merged(&all, *a, target_width), merged(&all, *b, source_width));
+            let (target, source) =
+                (merged(&all, poses, *a, target_width), merged(&all, poses, *b, source_width));
             if target.is_empty() || source.is_empty() {
                 continue;
             }
@@ -192,22 +273,26 @@ fn real_sonar_pairs_are_matched() {
             trials[1].push(icp(&target, &source, start, truth, &IcpParams::sonar_2d()));
             trials[2].push(correlative(&field, &places, start, truth));
         }
-        println!("source +-{source_width}, target +-{target_width} keyframes:");
-        for (name, trials) in [
-            "as the reference's chain",
-            "sonar_2d",
-            "correlative",
-            "welsch 1",
-            "cauchy .5",
-            "welsch 2->.7",
-            "trim .6",
-        ]
-        .iter()
-        .zip(&trials)
-        {
+        println!("source +-{source_width}, target +-{target_width} keyframes, merged by {by}:");
+        for (name, trials) in ["as the reference's chain", "sonar_2d", "correlative"].iter().zip(&trials) {
             results.push(table(name, trials));
         }
+        if matches!((source_width, by), (0, "-") | (2, "own map")) {
+            let scans = if source_width == 0 { "single" } else { "merged" };
+            curves.push((format!("ICP, {scans}: deviation"), curve(&trials[1], |t| t.sigma)));
+            curves.push((format!("correlative, {scans}: 1 - score"), curve(&trials[2], |t| t.miss)));
+        }
     }
+    if let Ok(path) = std::env::var("DRACO_ROC_SVG") {
+        std::fs::write(path, svg(&curves)).unwrap();
+    }
+    // three methods a case, in the order above
     assert!(results[1] > 0.5, "single scans by ICP: {}", results[1]);
-    assert!(results[2] > results[0], "merged scans: the correlative matcher leads");
+    assert!(results[2] > results[0], "the correlative matcher leads on single scans");
+    assert!(
+        results[11] >= 0.85 && results[14] >= 0.85,
+        "submaps on submaps: {} {}",
+        results[11],
+        results[14]
+    );
 }

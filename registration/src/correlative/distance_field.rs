@@ -49,7 +49,7 @@ impl DistanceField {
         let columns = ((high.x - low.x + 2.0 * margin) / params.cell).ceil() + 1.0;
         let rows = ((high.y - low.y + 2.0 * margin) / params.cell).ceil() + 1.0;
         if columns * rows > CELL_LIMIT as f64 {
-            return Err(Error::GridTooLarge { cells: (columns * rows) as u64, limit: CELL_LIMIT });
+            return Err(too_large("the target", points, params.cell, columns * rows, CELL_LIMIT));
         }
         let (columns, rows) = (columns as usize, rows as usize);
         let far = (params.reach * params.reach) as f32;
@@ -141,6 +141,30 @@ pub(super) fn bounds(points: &[Point2<f64>]) -> Result<(Point2<f64>, Point2<f64>
     Ok((low, high))
 }
 
+/// The error for points that would need more cells than the limit.
+pub(super) fn too_large(
+    what: &'static str,
+    points: &[Point2<f64>],
+    cell: f64,
+    cells: f64,
+    limit: u64,
+) -> Error {
+    let axis = |axis: usize| {
+        let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        match (values.first(), values.last()) {
+            (Some(low), Some(high)) => (values[values.len() / 2], high - low),
+            _ => (0.0, 0.0),
+        }
+    };
+    let ((x, width), (y, height)) = (axis(0), axis(1));
+    let off = |p: &Point2<f64>| (p.x - x).hypot(p.y - y);
+    let farthest =
+        (0..points.len()).max_by(|&a, &b| off(&points[a]).total_cmp(&off(&points[b])).then(b.cmp(&a)));
+    let farthest = farthest.unwrap_or(0);
+    Error::GridTooLarge { what, width, height, cell, cells: cells as u64, limit, farthest }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -170,7 +194,8 @@ mod tests {
     fn bad_points_are_refused() {
         let params = FieldParams::default();
         let far = [Point2::origin(), Point2::new(1e7, 1e7)];
-        assert!(matches!(DistanceField::new(&far, &params), Err(Error::GridTooLarge { .. })));
+        let error = DistanceField::new(&[far[0], far[0], far[1]], &params).unwrap_err();
+        assert!(matches!(error, Error::GridTooLarge { farthest: 2, width: 1e7, cell: 0.25, .. }), "{error}");
         let nan = [Point2::origin(), Point2::new(f64::NAN, 0.0)];
         assert_eq!(DistanceField::new(&nan, &params), Err(Error::NonFinitePoint { index: 1 }));
         assert!(DistanceField::new(&[], &params).is_err());

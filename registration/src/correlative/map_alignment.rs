@@ -5,7 +5,7 @@ use nalgebra::{Isometry2, Matrix3, Point2, Rotation2, Vector2};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
 
-use super::distance_field::{DistanceField, FieldParams, bounds};
+use super::distance_field::{DistanceField, FieldParams, bounds, too_large};
 use super::matcher::{CorrelativeParams, Start, Target};
 use crate::error::{Error, check};
 
@@ -157,7 +157,12 @@ impl Correlation {
         let margin = (2.0 * radius / params.cell).ceil() + 2.0;
         let cells = (field.columns() as f64 + margin) * (field.rows() as f64 + margin);
         if cells > CELL_LIMIT as f64 {
-            return Err(Error::GridTooLarge { cells: cells as u64, limit: CELL_LIMIT });
+            let (what, points) = if margin > field.columns().max(field.rows()) as f64 {
+                ("the source", source)
+            } else {
+                ("the target", target)
+            };
+            return Err(too_large(what, points, params.cell, cells, CELL_LIMIT));
         }
         let margin = margin as usize;
         let mut grid = Grid::new(smooth(field.columns() + margin), smooth(field.rows() + margin));

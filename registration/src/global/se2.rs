@@ -1,9 +1,8 @@
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
 use std::f64::consts::PI;
 
 use nalgebra::{Isometry2, Rotation2, Vector2};
 
+use super::best_first::{Boxes, best_first, mean_kept, scattering_stride};
 use super::near_grid::NearGrid;
 use crate::cloud::Cloud;
 use crate::error::check;
@@ -129,13 +128,23 @@ pub fn branch_and_bound_2d(
     if !start.to_row_major().iter().all(|v| v.is_finite()) {
         return Err(Error::NonFinite { what: "the initial pose" });
     }
-    let search = Search::new(target, source, start, params)?;
+    let tau_sq = params.truncation * params.truncation;
+    let mut search = Search::new(target, source, start, params)?;
     let mut modes: Vec<Mode> = Vec::new();
     for _ in 0..params.modes {
-        match search.run(&modes) {
-            Some(mode) => modes.push(mode),
-            None => break,
-        }
+        let root = search.start;
+        let Some(found) = best_first(&mut search, root, params.gap * tau_sq, params.max_nodes)? else {
+            break;
+        };
+        search.found.push(found.pose);
+        modes.push(Mode {
+            target_from_source: found.pose,
+            cost: found.cost,
+            score: 1.0 - found.cost / tau_sq,
+            lower_bound: found.lower_bound,
+            certified: found.certified,
+            nodes: found.nodes,
+        });
     }
     Ok(GlobalMatch { modes })
 }
@@ -154,31 +163,11 @@ fn check_params(p: &SearchParams) -> Result<(), Error> {
 
 /// A box of poses; `centroid` is relative to the target's origin.
 #[derive(Debug, Clone, Copy)]
-struct Node {
-    lower: f64,
-    id: usize,
+struct Region {
     angle: f64,
     centroid: Vector2<f64>,
     half_angle: f64,
     half_width: f64,
-}
-
-impl PartialEq for Node {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-impl Eq for Node {}
-impl PartialOrd for Node {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Node {
-    /// The heap's greatest is the box with the smallest lower bound, older first.
-    fn cmp(&self, other: &Self) -> Ordering {
-        other.lower.total_cmp(&self.lower).then(other.id.cmp(&self.id))
-    }
 }
 
 struct Search<'a> {
@@ -191,7 +180,11 @@ struct Search<'a> {
     mean_radius: f64,
     source_centre: Vector2<f64>,
     cloud: Cloud<2>,
-    start: Node,
+    polish: IcpParams,
+    start: Region,
+    /// Modes already found, which the search leaves out.
+    found: Vec<Isometry2<f64>>,
+    buffer: Vec<f64>,
 }
 
 impl<'a> Search<'a> {
@@ -205,8 +198,7 @@ impl<'a> Search<'a> {
         let n = all.len();
         let used = n.min(params.max_points);
         let mut points: Vec<_> = (0..used).map(|i| all[i * n / used]).collect();
-        // a stride coprime to the length visits all in a scattered order: bounds then exceed the best early
-        let stride = (1..).map(|k| used * 2 / 5 + k).find(|s| gcd(*s, used) == 1).unwrap_or(1);
+        let stride = scattering_stride(used);
         points = (0..used).map(|i| points[i * stride % used]).collect();
         let radii: Vec<f64> = points.iter().map(|p| p.norm()).collect();
         let centroid = start.transform_point(&source_centre.into()).coords - target.origin;
@@ -220,123 +212,23 @@ impl<'a> Search<'a> {
             cloud: Cloud::new(points.iter().map(|p| p + source_centre).collect())?,
             points,
             source_centre,
-            start: Node {
-                lower: 0.0,
-                id: 0,
+            polish: IcpParams {
+                max_distance: params.truncation,
+                rejectors: vec![Rejector::Trimmed { keep: params.keep }],
+                residual: Residual::PointToPoint,
+                covariance: crate::Covariance::Residual,
+                stop: StopRule { max_iterations: 15, ..StopRule::default() },
+                ..IcpParams::sonar_2d()
+            },
+            start: Region {
                 angle: start.rotation.angle(),
                 centroid,
                 half_angle: params.rotation.min(PI),
                 half_width: params.translation,
             },
+            found: Vec::new(),
+            buffer: Vec::with_capacity(used),
         })
-    }
-
-    /// The best pose outside the modes already found.
-    fn run(&self, found: &[Mode]) -> Option<Mode> {
-        let tau_sq = self.params.truncation * self.params.truncation;
-        let gap = self.params.gap * tau_sq;
-        let mut best: Option<(f64, Isometry2<f64>)> = None;
-        let mut heap = BinaryHeap::from([self.start]);
-        let (mut nodes, mut lower_bound, mut certified) = (0usize, f64::INFINITY, true);
-        let mut buffer = Vec::with_capacity(self.points.len());
-        while let Some(node) = heap.pop() {
-            let cut = best.map_or(f64::INFINITY, |b| b.0 - gap);
-            if node.lower >= cut {
-                lower_bound = lower_bound.min(node.lower);
-                break;
-            }
-            if nodes >= self.params.max_nodes {
-                lower_bound = lower_bound.min(node.lower);
-                certified = false;
-                break;
-            }
-            for mut child in self.halves(&node) {
-                nodes += 1;
-                child.id = nodes;
-                if found.iter().any(|mode| self.covers(mode, &child)) {
-                    continue;
-                }
-                let cut = best.map_or(f64::INFINITY, |b| b.0 - gap);
-                let (lower, estimate) = self.bounds(&child, cut, &mut buffer);
-                child.lower = lower.max(node.lower);
-                if best.is_none_or(|b| estimate < b.0)
-                    && let Some(better) = self.improve(&child, found, best.map_or(f64::INFINITY, |b| b.0))
-                {
-                    best = Some(better);
-                }
-                if best.is_none_or(|b| child.lower < b.0 - gap) {
-                    heap.push(child);
-                } else {
-                    lower_bound = lower_bound.min(child.lower);
-                }
-            }
-        }
-        let (cost, target_from_source) = best?;
-        let lower_bound = lower_bound.min(cost).max(0.0);
-        Some(Mode { target_from_source, cost, score: 1.0 - cost / tau_sq, lower_bound, certified, nodes })
-    }
-
-    /// The box halved along what lets its points stray more.
-    fn halves(&self, node: &Node) -> Vec<Node> {
-        let turn = 2.0 * (0.5 * node.half_angle).min(0.5 * PI).sin() * self.mean_radius;
-        if turn > std::f64::consts::SQRT_2 * node.half_width {
-            let half = 0.5 * node.half_angle;
-            [-half, half].map(|d| Node { angle: node.angle + d, half_angle: half, ..*node }).to_vec()
-        } else {
-            let half = 0.5 * node.half_width;
-            [(-half, -half), (-half, half), (half, -half), (half, half)]
-                .map(|(x, y)| Node {
-                    centroid: node.centroid + Vector2::new(x, y),
-                    half_width: half,
-                    ..*node
-                })
-                .to_vec()
-        }
-    }
-
-    /// A lower bound of the cost in the box, and an estimate of the cost at its centre. The sum stops at `cut`.
-    fn bounds(&self, node: &Node, cut: f64, buffer: &mut Vec<f64>) -> (f64, f64) {
-        let tau = self.params.truncation;
-        let chord = 2.0 * (0.5 * node.half_angle).min(0.5 * PI).sin();
-        let shift = std::f64::consts::SQRT_2 * node.half_width;
-        let exact = chord * self.mean_radius + shift < self.grid.slack;
-        let rotation = Rotation2::new(node.angle);
-        let (n, half_slack) = (self.points.len() as f64, 0.5 * self.grid.slack);
-        let (mut lower, mut estimate) = (0.0, 0.0);
-        let trimmed = self.params.keep < 1.0;
-        buffer.clear();
-        for (point, radius) in self.points.iter().zip(&self.radii) {
-            let place = rotation * point + node.centroid;
-            let (bound, near) = if exact {
-                let d = self.target.tree.nearest_within(&place, tau).map_or(tau, |n| n.distance_sq.sqrt());
-                (d, d)
-            } else {
-                let d = self.grid.bound(&place);
-                (d, (d + half_slack).min(tau))
-            };
-            let least = (bound - radius * chord - shift).max(0.0);
-            lower += least * least;
-            estimate += near * near;
-            if trimmed {
-                buffer.push(least * least);
-            } else if lower > cut * n {
-                return (lower / n, f64::INFINITY);
-            }
-        }
-        if trimmed {
-            (self.mean_kept(buffer), estimate / n * self.params.keep)
-        } else {
-            (lower / n, estimate / n)
-        }
-    }
-
-    /// Mean of the smallest values, a share `keep` of them.
-    fn mean_kept(&self, squares: &mut [f64]) -> f64 {
-        let kept = ((squares.len() as f64 * self.params.keep).ceil() as usize).clamp(1, squares.len());
-        if kept < squares.len() {
-            squares.select_nth_unstable_by(kept - 1, f64::total_cmp);
-        }
-        squares[..kept].iter().sum::<f64>() / kept as f64
     }
 
     fn cost(&self, pose: &Isometry2<f64>) -> f64 {
@@ -350,60 +242,116 @@ impl<'a> Search<'a> {
                 self.target.tree.nearest_within(&place, tau).map_or(tau * tau, |n| n.distance_sq)
             })
             .collect();
-        self.mean_kept(&mut squares)
+        mean_kept(&mut squares, self.params.keep)
     }
 
-    /// Polishes the centre of a box; `None` when that does not beat `best`.
-    fn improve(&self, node: &Node, found: &[Mode], best: f64) -> Option<(f64, Isometry2<f64>)> {
+    fn is_near(&self, mode: &Isometry2<f64>, pose: &Isometry2<f64>) -> bool {
+        let centre = self.source_centre.into();
+        let apart = (mode.transform_point(&centre) - pose.transform_point(&centre)).norm();
+        apart <= self.params.separation
+            && angle_between(mode.rotation.angle(), pose.rotation.angle()) <= self.params.separation_rotation
+    }
+
+    /// Whether a region lies wholly within the separation of a mode.
+    fn covers(&self, mode: &Isometry2<f64>, region: &Region) -> bool {
+        let place = mode.transform_point(&self.source_centre.into()).coords - self.target.origin;
+        let reach = (region.centroid - place).norm() + std::f64::consts::SQRT_2 * region.half_width;
+        let turn = angle_between(mode.rotation.angle(), region.angle) + region.half_angle;
+        reach <= self.params.separation && turn <= self.params.separation_rotation
+    }
+}
+
+impl Boxes for Search<'_> {
+    type Region = Region;
+    type Pose = Isometry2<f64>;
+
+    fn is_excluded(&self, region: &Region) -> bool {
+        self.found.iter().any(|mode| self.covers(mode, region))
+    }
+
+    /// The box halved along what lets its points stray more.
+    fn parts(&self, node: &Region) -> Vec<Region> {
+        let turn = 2.0 * (0.5 * node.half_angle).min(0.5 * PI).sin() * self.mean_radius;
+        if turn > std::f64::consts::SQRT_2 * node.half_width {
+            let half = 0.5 * node.half_angle;
+            [-half, half].map(|d| Region { angle: node.angle + d, half_angle: half, ..*node }).to_vec()
+        } else {
+            let half = 0.5 * node.half_width;
+            [(-half, -half), (-half, half), (half, -half), (half, half)]
+                .map(|(x, y)| Region {
+                    centroid: node.centroid + Vector2::new(x, y),
+                    half_width: half,
+                    ..*node
+                })
+                .to_vec()
+        }
+    }
+
+    fn bounds(&mut self, node: &Region, cut: f64) -> (f64, f64) {
+        let tau = self.params.truncation;
+        let chord = 2.0 * (0.5 * node.half_angle).min(0.5 * PI).sin();
+        let shift = std::f64::consts::SQRT_2 * node.half_width;
+        let exact = chord * self.mean_radius + shift < self.grid.slack;
+        let rotation = Rotation2::new(node.angle);
+        let (n, half_slack) = (self.points.len() as f64, 0.5 * self.grid.slack);
+        let (mut lower, mut estimate) = (0.0, 0.0);
+        let trimmed = self.params.keep < 1.0;
+        self.buffer.clear();
+        for (point, radius) in self.points.iter().zip(&self.radii) {
+            let place = rotation * point + node.centroid;
+            let (bound, near) = if exact {
+                let d = self.target.tree.nearest_within(&place, tau).map_or(tau, |n| n.distance_sq.sqrt());
+                (d, d)
+            } else {
+                let d = self.grid.bound(&place);
+                (d, (d + half_slack).min(tau))
+            };
+            let least = (bound - radius * chord - shift).max(0.0);
+            lower += least * least;
+            estimate += near * near;
+            if trimmed {
+                self.buffer.push(least * least);
+            } else if lower > cut * n {
+                return (lower / n, f64::INFINITY);
+            }
+        }
+        if trimmed {
+            (mean_kept(&mut self.buffer, self.params.keep), estimate / n * self.params.keep)
+        } else {
+            (lower / n, estimate / n)
+        }
+    }
+
+    /// Polishes the centre of a box that looks better than the best pose.
+    fn improve(
+        &mut self,
+        node: &Region,
+        estimate: f64,
+        best: f64,
+    ) -> Result<Option<(f64, Isometry2<f64>)>, Error> {
+        if estimate >= best {
+            return Ok(None);
+        }
         let rotation = Rotation2::new(node.angle);
         let translation = node.centroid + self.target.origin - rotation * self.source_centre;
         let centre = Isometry2::new(translation, node.angle);
-        let params = IcpParams {
-            max_distance: self.params.truncation,
-            rejectors: vec![Rejector::Trimmed { keep: self.params.keep }],
-            residual: Residual::PointToPoint,
-            stop: StopRule { max_iterations: 15, ..StopRule::default() },
-            ..IcpParams::sonar_2d()
-        };
-        let polished = self.target.align(&self.cloud, &centre, &params).ok().map(|r| r.target_from_source);
-        let outside = |pose: &Isometry2<f64>| {
+        let polished = self.target.align(&self.cloud, &centre, &self.polish)?.target_from_source;
+        let is_allowed = |pose: &Isometry2<f64>| {
             let place = pose.transform_point(&self.source_centre.into()).coords - self.target.origin;
             let inside = (place - self.start.centroid).amax() <= self.start.half_width
                 && angle_between(pose.rotation.angle(), self.start.angle) <= self.start.half_angle;
-            inside && !found.iter().any(|mode| self.is_near(mode, pose))
+            inside && !self.found.iter().any(|mode| self.is_near(mode, pose))
         };
-        [Some(centre), polished]
+        Ok([centre, polished]
             .into_iter()
-            .flatten()
-            .filter(outside)
+            .filter(is_allowed)
             .map(|pose| (self.cost(&pose), pose))
             .filter(|(cost, _)| *cost < best)
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-    }
-
-    fn is_near(&self, mode: &Mode, pose: &Isometry2<f64>) -> bool {
-        let centre = self.source_centre.into();
-        let apart = (mode.target_from_source.transform_point(&centre) - pose.transform_point(&centre)).norm();
-        apart <= self.params.separation
-            && angle_between(mode.target_from_source.rotation.angle(), pose.rotation.angle())
-                <= self.params.separation_rotation
-    }
-
-    /// Whether a box lies wholly within the separation of a mode.
-    fn covers(&self, mode: &Mode, node: &Node) -> bool {
-        let place =
-            mode.target_from_source.transform_point(&self.source_centre.into()).coords - self.target.origin;
-        let reach = (node.centroid - place).norm() + std::f64::consts::SQRT_2 * node.half_width;
-        let turn = angle_between(mode.target_from_source.rotation.angle(), node.angle) + node.half_angle;
-        reach <= self.params.separation && turn <= self.params.separation_rotation
+            .min_by(|a, b| a.0.total_cmp(&b.0)))
     }
 }
 
 fn angle_between(a: f64, b: f64) -> f64 {
     let d = (a - b).rem_euclid(2.0 * PI);
     d.min(2.0 * PI - d)
-}
-
-fn gcd(a: usize, b: usize) -> usize {
-    if b == 0 { a } else { gcd(b, a % b) }
 }

@@ -1,10 +1,9 @@
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
 use std::f64::consts::PI;
 
 use draco_lie::LieGroup;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
+use super::best_first::{Boxes, best_first, mean_kept, scattering_stride};
 use crate::cloud::Cloud;
 use crate::error::check;
 use crate::icp::{IcpParams, Optimizer, Rejector, Residual, StopRule, Target};
@@ -24,30 +23,69 @@ pub struct SearchParams3 {
     pub keep: f64,
     /// Source points used at most in bounds and polishing, evenly drawn; the cost is that of all. Default 200.
     pub max_points: usize,
-    /// Boxes examined at most. Default 200 000.
+    /// Boxes examined at most for each mode. Default 200 000.
     pub max_nodes: usize,
+    /// Number of separate modes wanted, the best first. Default 1.
+    pub modes: usize,
+    /// Two poses are separate modes when the source's centroid differs by more than this, metres, or the rotation
+    /// by more than [`SearchParams3::separation_rotation`]. Default a tenth of the translation.
+    pub separation: f64,
+    /// See [`SearchParams3::separation`], radians. Default 0.3.
+    pub separation_rotation: f64,
 }
 
 impl SearchParams3 {
     /// All rotations, and translations within `translation` metres.
     pub fn all_rotations(translation: f64, gap: f64) -> Self {
-        Self { translation, rotation: PI, gap, keep: 1.0, max_points: 200, max_nodes: 200_000 }
+        Self {
+            translation,
+            rotation: PI,
+            gap,
+            keep: 1.0,
+            max_points: 200,
+            max_nodes: 200_000,
+            modes: 1,
+            separation: 0.1 * translation,
+            separation_rotation: 0.3,
+        }
     }
 }
 
-/// What a global search in three dimensions found.
+/// One local optimum of a global search in three dimensions.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GlobalMatch3 {
+pub struct Mode3 {
     /// Maps source points into the target's frame.
     pub target_from_source: Isometry3<f64>,
     /// Mean squared distance of all source points (the share that counts) to the target, m².
     pub cost: f64,
-    /// No pose of the box costs less, on the points drawn, m².
+    /// No pose of the search region costs less, on the points drawn, m². For a rival the region leaves out the
+    /// modes before.
     pub lower_bound: f64,
     /// Whether the search ended by its gap and not by its number of boxes.
     pub certified: bool,
-    /// Boxes examined.
+    /// Boxes examined for it.
     pub nodes: usize,
+}
+
+/// What a global search in three dimensions found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GlobalMatch3 {
+    /// Modes, best first; never empty.
+    pub modes: Vec<Mode3>,
+}
+
+impl GlobalMatch3 {
+    /// The best mode.
+    pub fn best(&self) -> &Mode3 {
+        &self.modes[0]
+    }
+
+    /// Root mean square distance of the best over that of its best rival, in [0, 1]; near 1 the answer is
+    /// ambiguous. `None` when only one mode was asked for.
+    pub fn ambiguity(&self) -> Option<f64> {
+        let (best, rival) = (self.modes[0].cost, self.modes.get(1)?.cost);
+        Some(if rival > 0.0 { (best / rival).min(1.0).sqrt() } else { 1.0 })
+    }
 }
 
 /// Finds the pose with the least mean squared distance to the target over a box of SE(3), by branch and bound.
@@ -60,8 +98,9 @@ pub struct GlobalMatch3 {
 /// [`Error::TooFewPoints`], [`Error::Parameter`], [`Error::NonFinite`].
 ///
 /// **Source**: Yang, Li, Campbell, Jia, "Go-ICP: a globally optimal solution to 3D ICP point-set registration",
-/// 2016. We search one six-dimensional tree instead of one of translations inside one of rotations, query the
-/// k-d tree instead of a distance transform, so the bounds are exact, and draw a subset of points.
+/// 2016. We search one six-dimensional tree instead of one of translations inside one of rotations, query k-d trees
+/// (of a thousand target points for wide boxes, with their cover as slack) instead of a distance transform, draw a
+/// subset of points, and polish a box fully only when a short polish of 60 points looks promising.
 pub fn branch_and_bound_3d(
     target: &Target<3>,
     source: &Cloud<3>,
@@ -85,49 +124,71 @@ pub fn branch_and_bound_3d(
     if !start.to_row_major().iter().all(|v| v.is_finite()) {
         return Err(Error::NonFinite { what: "the initial pose" });
     }
-    Search::new(target, source, start, params)?.run()
+    check("modes", params.modes as f64, params.modes > 0, "1 or more")?;
+    if params.modes > 1 {
+        check("separation", params.separation, params.separation > 0.0, "more than 0")?;
+        let apart = params.separation_rotation;
+        check("separation_rotation", apart, apart > 0.0, "more than 0")?;
+    }
+    let mut search = Search::new(target, source, start, params)?;
+    let mut modes = Vec::with_capacity(params.modes);
+    for _ in 0..params.modes {
+        let root = search.root();
+        let Some(found) = best_first(&mut search, root, params.gap, params.max_nodes)? else { break };
+        search.found.push(found.pose);
+        modes.push(Mode3 {
+            target_from_source: found.pose,
+            cost: found.cost,
+            lower_bound: found.lower_bound,
+            certified: found.certified,
+            nodes: found.nodes,
+        });
+    }
+    Ok(GlobalMatch3 { modes })
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Node {
-    lower: f64,
-    id: usize,
+struct Region {
     rotation: Vector3<f64>,
     translation: Vector3<f64>,
     half_angle: f64,
     half_width: f64,
-}
-
-impl PartialEq for Node {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-impl Eq for Node {}
-impl PartialOrd for Node {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Node {
-    /// The heap's greatest is the box with the smallest lower bound, older first.
-    fn cmp(&self, other: &Self) -> Ordering {
-        other.lower.total_cmp(&self.lower).then(other.id.cmp(&self.id))
-    }
+    /// Whether its rotations are those of no region before it.
+    turned: bool,
 }
 
 /// Boxes of rotations at least this wide (half, radians) are polished at their centre without being asked.
 const POLISHED_HALF_ANGLE: f64 = PI / 8.0;
 
+/// Target points of the coarse target: queries far from a surface visit many of its points, and most are far.
+const COARSE_POINTS: usize = 1000;
+
+/// Source points and steps of the first polish, which only has to tell a promising box.
+const SCOUTS: usize = 60;
+const SCOUT_STEPS: usize = 15;
+
+/// A scouted pose is polished fully when its cost is below this multiple of the best.
+const PROMISING: f64 = 3.0;
+
 struct Search<'a> {
     params: &'a SearchParams3,
     target: &'a Target<3>,
     start: Isometry3<f64>,
+    /// A part of the target's points, spread evenly.
+    coarse: Target<3>,
+    /// No target point is farther from a coarse one, metres.
+    cover: f64,
+    scouts: Cloud<3>,
+    scout: IcpParams,
     drawn: Cloud<3>,
     radii: Vec<f64>,
     mean_radius: f64,
     all: &'a Cloud<3>,
+    centroid: Vector3<f64>,
     polish: IcpParams,
+    /// Modes already found, which the search leaves out.
+    found: Vec<Isometry3<f64>>,
+    buffer: Vec<f64>,
 }
 
 impl<'a> Search<'a> {
@@ -139,7 +200,8 @@ impl<'a> Search<'a> {
     ) -> Result<Self, Error> {
         let n = source.len();
         let used = n.min(params.max_points);
-        let points: Vec<_> = (0..used).map(|i| source.points()[i * n / used]).collect();
+        let stride = scattering_stride(used);
+        let points: Vec<_> = (0..used).map(|i| source.points()[(i * stride % used) * n / used]).collect();
         let radii: Vec<f64> = points.iter().map(|p| p.norm()).collect();
         let rejectors =
             if params.keep < 1.0 { vec![Rejector::Trimmed { keep: params.keep }] } else { Vec::new() };
@@ -153,144 +215,176 @@ impl<'a> Search<'a> {
             stop: StopRule { max_iterations: 60, translation: 1e-3 * span, rotation: 1e-3, window: 1 },
             ..IcpParams::sonar_2d()
         };
+        let scout =
+            IcpParams { stop: StopRule { max_iterations: SCOUT_STEPS, ..polish.stop }, ..polish.clone() };
+        // neighbours in the tree's order lie close together, so every k-th point covers them all
+        let every = target.len().div_ceil(COARSE_POINTS);
+        let coarse: Vec<_> =
+            (0..target.len()).step_by(every).map(|i| target.tree.point_at(i) + target.origin).collect();
+        let coarse = Target::new(&Cloud::new(coarse)?)?;
+        let cover = cover(target, &coarse);
         Ok(Self {
             params,
             target,
             start: *start,
+            coarse,
+            cover,
+            scouts: Cloud::new(points.iter().take(SCOUTS).copied().collect())?,
+            scout,
             mean_radius: radii.iter().sum::<f64>() / used as f64,
             radii,
             drawn: Cloud::new(points)?,
             all: source,
+            centroid: crate::icp::centre(source.points()).0,
             polish,
+            found: Vec::new(),
+            buffer: Vec::with_capacity(used),
         })
     }
 
-    fn run(&self) -> Result<GlobalMatch3, Error> {
-        let root = Node {
-            lower: 0.0,
-            id: 0,
+    fn root(&self) -> Region {
+        Region {
             rotation: Vector3::zeros(),
             translation: Vector3::zeros(),
             half_angle: self.params.rotation.min(PI),
             half_width: self.params.translation,
-        };
-        let mut best = (f64::INFINITY, self.start);
-        self.try_pose(&root, &mut best)?;
-        let mut heap = BinaryHeap::from([root]);
-        let (mut nodes, mut lower_bound, mut certified) = (0usize, f64::INFINITY, true);
-        'search: while let Some(node) = heap.pop() {
-            if node.lower >= best.0 - self.params.gap || nodes >= self.params.max_nodes {
-                certified = node.lower >= best.0 - self.params.gap;
-                lower_bound = lower_bound.min(node.lower);
-                break;
-            }
-            for mut child in self.parts(&node) {
-                nodes += 1;
-                child.id = nodes;
-                let turned = child.half_angle < node.half_angle;
-                let (lower, estimate) = self.bounds(&child, best.0 - self.params.gap);
-                child.lower = lower.max(node.lower);
-                if (turned && child.half_angle >= POLISHED_HALF_ANGLE) || estimate < best.0 {
-                    self.try_pose(&child, &mut best)?;
-                    if best.0 <= self.params.gap {
-                        // no cost is below zero, so the gap is closed
-                        lower_bound = 0.0;
-                        break 'search;
-                    }
-                }
-                if child.lower < best.0 - self.params.gap {
-                    heap.push(child);
-                } else {
-                    lower_bound = lower_bound.min(child.lower);
-                }
-            }
+            turned: true,
         }
-        let (cost, target_from_source) = best;
-        Ok(GlobalMatch3 { target_from_source, cost, lower_bound: lower_bound.min(cost), certified, nodes })
+    }
+
+    fn pose(&self, node: &Region) -> Isometry3<f64> {
+        let turn = <UnitQuaternion<f64> as LieGroup<3>>::exp(&node.rotation);
+        let translation = self.start.translation.vector + node.translation;
+        Isometry3::from_parts(Translation3::from(translation), self.start.rotation * turn)
+    }
+
+    fn cost(&self, target: &Target<3>, cloud: &Cloud<3>, pose: &Isometry3<f64>) -> f64 {
+        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - target.origin);
+        let near =
+            |p: &Vector3<f64>| target.tree.nearest(&(r * p + t)).map_or(f64::INFINITY, |n| n.distance_sq);
+        mean_kept(&mut cloud.points().iter().map(near).collect::<Vec<_>>(), self.params.keep)
+    }
+
+    /// Whether a pose is one of the modes already found.
+    fn is_taken(&self, pose: &Isometry3<f64>) -> bool {
+        self.found.iter().any(|mode| {
+            (mode.transform(&self.centroid) - pose.transform(&self.centroid)).norm() <= self.params.separation
+                && mode.rotation.angle_to(&pose.rotation) <= self.params.separation_rotation
+        })
+    }
+}
+
+impl Boxes for Search<'_> {
+    type Region = Region;
+    type Pose = Isometry3<f64>;
+
+    fn is_excluded(&self, region: &Region) -> bool {
+        let root3 = 3f64.sqrt();
+        let pose = self.pose(region);
+        self.found.iter().any(|mode| {
+            // a turn by `a` moves the centroid by no more than its chord about the source's origin
+            let chord = 2.0 * (0.5 * root3 * region.half_angle).min(0.5 * PI).sin() * self.centroid.norm();
+            let apart = (mode.transform(&self.centroid) - pose.transform(&self.centroid)).norm();
+            apart + chord + root3 * region.half_width <= self.params.separation
+                && mode.rotation.angle_to(&pose.rotation) + root3 * region.half_angle
+                    <= self.params.separation_rotation
+        })
     }
 
     /// The box cut in eight along what lets its points stray more; rotations beyond π are left out, since they
     /// are the same as others inside.
-    fn parts(&self, node: &Node) -> Vec<Node> {
+    fn parts(&self, node: &Region) -> Vec<Region> {
         let root3 = 3f64.sqrt();
         let turn = 2.0 * (0.5 * root3 * node.half_angle).min(0.5 * PI).sin() * self.mean_radius;
         let corners = (0..8).map(|k| Vector3::from_fn(|axis, _| if k >> axis & 1 == 0 { -0.5 } else { 0.5 }));
         if turn > root3 * node.half_width {
             let half_angle = 0.5 * node.half_angle;
             corners
-                .map(|c| Node { rotation: node.rotation + c * node.half_angle, half_angle, ..*node })
+                .map(|c| Region {
+                    rotation: node.rotation + c * node.half_angle,
+                    half_angle,
+                    turned: true,
+                    ..*node
+                })
                 .filter(|n| n.rotation.norm() - root3 * half_angle <= PI)
                 .collect()
         } else {
             let half_width = 0.5 * node.half_width;
             corners
-                .map(|c| Node { translation: node.translation + c * node.half_width, half_width, ..*node })
+                .map(|c| Region {
+                    translation: node.translation + c * node.half_width,
+                    half_width,
+                    turned: false,
+                    ..*node
+                })
                 .collect()
         }
     }
 
-    fn pose(&self, node: &Node) -> Isometry3<f64> {
-        let turn = <UnitQuaternion<f64> as LieGroup<3>>::exp(&node.rotation);
-        let translation = self.start.translation.vector + node.translation;
-        Isometry3::from_parts(Translation3::from(translation), self.start.rotation * turn)
-    }
-
-    /// A lower bound of the cost in the box and the cost at its centre, both on the drawn points. A sum beyond
-    /// `cut` stops.
-    fn bounds(&self, node: &Node, cut: f64) -> (f64, f64) {
+    fn bounds(&mut self, node: &Region, cut: f64) -> (f64, f64) {
         let root3 = 3f64.sqrt();
         let chord = 2.0 * (0.5 * root3 * node.half_angle).min(0.5 * PI).sin();
         let shift = root3 * node.half_width;
         let pose = self.pose(node);
-        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - self.target.origin);
+        // far boxes are bounded by the coarse target, whose distances exceed the true ones by at most its cover
+        let exact = chord * self.mean_radius + shift < 2.0 * self.cover;
+        let (target, slack) = if exact { (self.target, 0.0) } else { (&self.coarse, self.cover) };
+        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - target.origin);
         let n = self.radii.len() as f64;
-        let (mut lower, mut centre) = (Vec::with_capacity(self.radii.len()), 0.0);
-        let mut sum = 0.0;
+        let (mut sum, mut centre) = (0.0, 0.0);
+        self.buffer.clear();
         for (point, radius) in self.drawn.points().iter().zip(&self.radii) {
-            let distance_sq =
-                self.target.tree.nearest(&(r * point + t)).map_or(f64::INFINITY, |n| n.distance_sq);
-            let least = (distance_sq.sqrt() - radius * chord - shift).max(0.0);
-            lower.push(least * least);
+            let distance_sq = target.tree.nearest(&(r * point + t)).map_or(f64::INFINITY, |n| n.distance_sq);
+            let least = (distance_sq.sqrt() - slack - radius * chord - shift).max(0.0);
+            self.buffer.push(least * least);
             sum += least * least;
             centre += distance_sq;
             if self.params.keep >= 1.0 && sum > cut * n {
                 return (sum / n, f64::INFINITY);
             }
         }
-        (self.mean_kept(&mut lower), centre / n)
+        (mean_kept(&mut self.buffer, self.params.keep), centre / n)
     }
 
-    fn mean_kept(&self, squares: &mut [f64]) -> f64 {
-        let kept = ((squares.len() as f64 * self.params.keep).ceil() as usize).clamp(1, squares.len());
-        if kept < squares.len() {
-            squares.select_nth_unstable_by(kept - 1, f64::total_cmp);
+    fn improve(
+        &mut self,
+        region: &Region,
+        estimate: f64,
+        best: f64,
+    ) -> Result<Option<(f64, Isometry3<f64>)>, Error> {
+        if !((region.turned && region.half_angle >= POLISHED_HALF_ANGLE) || estimate < best) {
+            return Ok(None);
         }
-        squares[..kept].iter().sum::<f64>() / kept as f64
-    }
-
-    /// Polishes the centre of a box and keeps it if it is the best on all points.
-    fn try_pose(&self, node: &Node, best: &mut (f64, Isometry3<f64>)) -> Result<(), Error> {
-        let coarse = self.target.align(&self.drawn, &self.pose(node), &self.polish)?.target_from_source;
-        if self.cost(&self.drawn, &coarse) > 1.5 * best.0 {
-            return Ok(());
+        let scouted = self.coarse.align(&self.scouts, &self.pose(region), &self.scout)?.target_from_source;
+        if self.cost(&self.coarse, &self.scouts, &scouted) > PROMISING * best {
+            return Ok(None);
         }
-        let pose = self.target.align(self.all, &coarse, &self.polish)?.target_from_source;
+        let pose = self.target.align(&self.drawn, &scouted, &self.polish)?.target_from_source;
+        if self.drawn.len() < self.all.len() && self.cost(self.target, &self.drawn, &pose) > 1.5 * best {
+            return Ok(None);
+        }
+        let pose = if self.drawn.len() < self.all.len() {
+            self.target.align(self.all, &pose, &self.polish)?.target_from_source
+        } else {
+            pose
+        };
         let moved = self.start.translation.vector - pose.translation.vector;
         let turned = (self.start.rotation.inverse() * pose.rotation).log();
         let inside = moved.amax() <= self.params.translation
             && (self.params.rotation >= PI || turned.amax() <= self.params.rotation);
-        let cost = self.cost(self.all, &pose);
-        if inside && cost < best.0 {
-            *best = (cost, pose);
-        }
-        Ok(())
+        let cost = self.cost(self.target, self.all, &pose);
+        Ok((inside && cost < best && !self.is_taken(&pose)).then_some((cost, pose)))
     }
+}
 
-    fn cost(&self, cloud: &Cloud<3>, pose: &Isometry3<f64>) -> f64 {
-        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - self.target.origin);
-        let near = |p: &Vector3<f64>| {
-            self.target.tree.nearest(&(r * p + t)).map_or(f64::INFINITY, |n| n.distance_sq)
-        };
-        self.mean_kept(&mut cloud.points().iter().map(near).collect::<Vec<_>>())
+/// The largest distance from a point of `target` to the nearest of `coarse`.
+fn cover(target: &Target<3>, coarse: &Target<3>) -> f64 {
+    let shift = target.origin - coarse.origin;
+    let mut guess = 0;
+    let mut most = 0.0f64;
+    for i in 0..target.len() {
+        let (position, distance_sq) = coarse.tree.nearest_from(&(target.tree.point_at(i) + shift), guess);
+        (guess, most) = (position, most.max(distance_sq));
     }
+    most.sqrt()
 }

@@ -9,7 +9,7 @@ use super::target::{Target, centre};
 use super::{IcpParams, Matcher, Optimizer, Residual};
 use crate::Error;
 use crate::cloud::Cloud;
-use crate::kd_tree::{KdTree, TwoNearest};
+use crate::kd_tree::KdTree;
 use crate::linalg::pseudo_solve;
 use crate::motion::RigidMotion;
 
@@ -31,6 +31,7 @@ pub(crate) struct Problem<'a, const D: usize> {
     pub(crate) points: Vec<SVector<f64, D>>,
     pub(crate) normals: Option<&'a [SVector<f64, D>]>,
     pub(crate) variances: Option<&'a [f64]>,
+    covariances: Option<&'a [SMatrix<f64, D, D>]>,
     /// Mean of the source points.
     pub(crate) centre: SVector<f64, D>,
     /// Root mean square distance of the source points from their mean: turns radians into metres.
@@ -93,6 +94,10 @@ impl<'a, const D: usize> Problem<'a, D> {
         if both && source.normals().is_none() {
             return Err(Error::MissingNormals { what: "source" });
         }
+        let unweighted = target.covariances.is_none() && source.covariances().is_none();
+        if params.residual == Residual::Mahalanobis && unweighted {
+            return Err(Error::MissingCovariances);
+        }
         let (centre, points) = centre(source.points());
         let mean_sq = points.iter().map(|p| p.norm_squared()).sum::<f64>() / points.len() as f64;
         let source_tree = match params.matcher {
@@ -107,6 +112,7 @@ impl<'a, const D: usize> Problem<'a, D> {
             points,
             normals: if both { source.normals() } else { None },
             variances: source.variances(),
+            covariances: source.covariances(),
             centre,
             source_tree,
             matched: Vec::new(),
@@ -126,16 +132,12 @@ impl<'a, const D: usize> Problem<'a, D> {
         G::from_matrix(&pose.rotation, &translation).renormalize()
     }
 
-    /// The pair of one source point at another pose, found afresh.
-    pub(crate) fn nearest_pair(&self, index: usize, pose: &Pose<D>) -> Option<Pair> {
-        let x = pose.rotation * self.points[index] + pose.translation;
-        let mut found = TwoNearest::within(self.params.max_distance * self.params.max_distance);
-        self.target.tree.search(&x, &mut found);
-        (found.position != u32::MAX).then_some(Pair {
-            source: index as u32,
-            target: found.position,
-            distance_sq: found.distance_sq,
-        })
+    /// The pair of one source point at another pose, found afresh from the partner it had.
+    pub(crate) fn nearest_pair(&self, pair: &Pair, pose: &Pose<D>) -> Option<Pair> {
+        let x = pose.rotation * self.points[pair.source as usize] + pose.translation;
+        let (target, distance_sq) = self.target.tree.nearest_from(&x, pair.target);
+        let reach_sq = self.params.max_distance * self.params.max_distance;
+        (distance_sq <= reach_sq).then_some(Pair { source: pair.source, target, distance_sq })
     }
 
     /// Fills `matched` and `kept`.
@@ -152,24 +154,41 @@ impl<'a, const D: usize> Problem<'a, D> {
                 })
             });
         }
-        let limit_sq = trim_limit_sq(&self.params.rejectors, &self.matched, &mut self.buffer);
+        let (mut kept, mut buffer) = (std::mem::take(&mut self.kept), std::mem::take(&mut self.buffer));
+        self.reject(pose, &self.matched, &mut kept, &mut buffer);
+        (self.kept, self.buffer) = (kept, buffer);
+    }
+
+    /// Fills `kept` with the pairs that pass every rejector.
+    pub(crate) fn reject(
+        &self,
+        pose: &Pose<D>,
+        matched: &[Pair],
+        kept: &mut Vec<Pair>,
+        buffer: &mut Vec<f64>,
+    ) {
+        let limit_sq = trim_limit_sq(&self.params.rejectors, matched, buffer);
         let min_cosine = self.params.rejectors.iter().fold(-1.0f64, |least, rejector| match rejector {
             Rejector::NormalAngle { max_angle } => least.max(max_angle.min(std::f64::consts::PI).cos()),
             _ => least,
         });
-        self.kept.clear();
-        self.kept.extend(self.matched.iter().filter(|p| p.distance_sq <= limit_sq));
-        if min_cosine > -1.0 {
-            let normals = (self.target.normals.as_deref(), self.normals);
-            if let (Some(n), Some(m)) = normals {
-                self.kept.retain(|p| n[p.target as usize].dot(&(r * m[p.source as usize])) >= min_cosine);
-            }
+        kept.clear();
+        kept.extend(matched.iter().filter(|p| p.distance_sq <= limit_sq));
+        if min_cosine > -1.0
+            && let (Some(n), Some(m)) = (self.target.normals.as_deref(), self.normals)
+        {
+            let turned = |p: &Pair| pose.rotation * m[p.source as usize];
+            kept.retain(|p| n[p.target as usize].dot(&turned(p)) >= min_cosine);
         }
     }
 
     /// The term of one pair at a pose.
     #[inline]
-    pub(crate) fn term<const N: usize, G: RigidMotion<D, N>>(&self, pair: &Pair, pose: &Pose<D>) -> Term<N> {
+    pub(crate) fn term<const N: usize, G: RigidMotion<D, N>>(
+        &self,
+        pair: &Pair,
+        pose: &Pose<D>,
+    ) -> Term<D, N> {
         let lever = pose.rotation * self.points[pair.source as usize];
         let e = self.target.tree.point_at(pair.target as usize) - (lever + pose.translation);
         let n = match &self.target.normals {
@@ -180,7 +199,20 @@ impl<'a, const D: usize> Problem<'a, D> {
             Some(normals) => pose.rotation * normals[pair.source as usize],
             None => SVector::zeros(),
         };
-        term::<D, N, G>(self.params.residual, &lever, &e, &n, &m)
+        let metric = || self.metric(pair, pose);
+        term::<D, N, G>(self.params.residual, &lever, &e, &n, &m, metric)
+    }
+
+    /// `(C_q + R C_x Rᵀ)⁻¹` of a pair; zero, so that the pair does not count, where rounding leaves nothing to invert.
+    fn metric(&self, pair: &Pair, pose: &Pose<D>) -> SMatrix<f64, D, D> {
+        let mut sum = SMatrix::<f64, D, D>::zeros();
+        if let Some(of_target) = &self.target.covariances {
+            sum += of_target[pair.target as usize];
+        }
+        if let Some(of_source) = self.covariances {
+            sum += pose.rotation * of_source[pair.source as usize] * pose.rotation.transpose();
+        }
+        sum.try_inverse().map_or_else(SMatrix::zeros, |inverse| (inverse + inverse.transpose()) * 0.5)
     }
 
     pub(crate) fn normal_equations<const N: usize, G: RigidMotion<D, N>>(
@@ -190,7 +222,7 @@ impl<'a, const D: usize> Problem<'a, D> {
         let mut sum = NormalEquations::zero();
         for pair in &self.kept {
             let term = self.term::<N, G>(pair, pose);
-            sum.add(&term, self.params.kernel.weight(term.cost()));
+            sum.add::<D, G>(&term, self.params.kernel.weight(term.cost()));
         }
         sum.finish();
         sum
@@ -213,7 +245,7 @@ impl<'a, const D: usize> Problem<'a, D> {
     }
 
     /// Solves in metres (rotations times the radius), so that eigenvalues compare.
-    fn solve<const N: usize>(&self, sum: &NormalEquations<N>, damping: f64) -> SVector<f64, N> {
+    pub(crate) fn solve<const N: usize>(&self, sum: &NormalEquations<N>, damping: f64) -> SVector<f64, N> {
         let scale = self.scale::<N>();
         let mut h = SMatrix::<f64, N, N>::from_fn(|i, j| sum.h[(i, j)] / (scale[i] * scale[j]));
         let g = sum.g.component_div(&scale);

@@ -1,6 +1,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::kd_tree::{KdTree, TwoNearest};
+use crate::parallel::for_chunks;
 
 /// A source point and its nearest target point.
 #[derive(Debug, Clone, Copy)]
@@ -29,13 +30,23 @@ struct Cached<const D: usize> {
     query: SVector<f64, D>,
     position: u32,
     second: f64,
+    /// Squared distance of the neighbour from where the point is now.
+    distance_sq: f64,
 }
+
+/// Raises an upper bound of a distance above its rounding.
+const ROUNDING: f64 = 1.0 + 1e-9;
 
 const NONE: u32 = u32::MAX;
 
 impl<const D: usize> Association<D> {
     pub(crate) fn new(points: usize, max_distance: f64) -> Self {
-        let never = Cached { query: SVector::repeat(f64::INFINITY), position: NONE, second: 0.0 };
+        let never = Cached {
+            query: SVector::repeat(f64::INFINITY),
+            position: NONE,
+            second: 0.0,
+            distance_sq: f64::INFINITY,
+        };
         Self { cache: vec![never; points], max_distance, reach: 1.25 * max_distance }
     }
 
@@ -48,27 +59,40 @@ impl<const D: usize> Association<D> {
         translation: &SVector<f64, D>,
         pairs: &mut Vec<Pair>,
     ) {
-        pairs.clear();
-        let max_sq = self.max_distance * self.max_distance;
-        for ((cached, point), index) in self.cache.iter_mut().zip(source).zip(0u32..) {
-            let x = rotation * point + translation;
-            let moved = (x - cached.query).norm();
-            let bound = cached.second - moved;
-            let mut distance_sq = f64::INFINITY;
-            let known = if cached.position == NONE {
-                bound > self.max_distance
-            } else {
-                distance_sq = (tree.point_at(cached.position as usize) - x).norm_squared();
-                bound > 0.0 && distance_sq < bound * bound
-            };
-            if !known {
-                let mut found = TwoNearest::within(self.reach * self.reach);
+        let max_distance = self.max_distance;
+        let reach = self.reach;
+        for_chunks(&mut self.cache, source, |cache, points| {
+            let mut previous = (SVector::repeat(f64::INFINITY), 0.0);
+            for (cached, point) in cache.iter_mut().zip(points) {
+                let x = rotation * point + translation;
+                let moved = (x - cached.query).norm();
+                let bound = cached.second - moved;
+                let known = if cached.position == NONE {
+                    bound > max_distance
+                } else {
+                    cached.distance_sq = (tree.point_at(cached.position as usize) - x).norm_squared();
+                    bound > 0.0 && cached.distance_sq < bound * bound
+                };
+                if known {
+                    continue;
+                }
+                // both points found here before, or found for the point before, lie within their distance then plus
+                // the way moved since; a runner-up at `reach` stands for none, and stays there
+                let other: f64 = (x - previous.0).norm() + previous.1;
+                let limit = (ROUNDING * other.min(moved + cached.second)).min(reach);
+                let mut found = TwoNearest::within(limit * limit);
                 tree.search(&x, &mut found);
-                *cached = Cached { query: x, position: found.position, second: found.second_sq.sqrt() };
-                distance_sq = found.distance_sq;
+                let second = found.second_sq.sqrt();
+                *cached =
+                    Cached { query: x, position: found.position, second, distance_sq: found.distance_sq };
+                previous = (x, second);
             }
-            if distance_sq <= max_sq {
-                pairs.push(Pair { source: index, target: cached.position, distance_sq });
+        });
+        let max_sq = max_distance * max_distance;
+        pairs.clear();
+        for (cached, index) in self.cache.iter().zip(0u32..) {
+            if cached.distance_sq <= max_sq {
+                pairs.push(Pair { source: index, target: cached.position, distance_sq: cached.distance_sq });
             }
         }
     }

@@ -67,6 +67,20 @@ impl Kernel {
         w + 2.0 * residual_sq * dw / dimensions as f64
     }
 
+    /// The same kernel with its scale times `factor`.
+    pub fn widened(&self, factor: f64) -> Self {
+        let mut wider = *self;
+        match &mut wider {
+            Kernel::None => {}
+            Kernel::Huber { scale }
+            | Kernel::Cauchy { scale }
+            | Kernel::Tukey { scale }
+            | Kernel::GemanMcClure { scale }
+            | Kernel::Welsch { scale } => *scale *= factor,
+        }
+        wider
+    }
+
     /// Its scale, metres; `None` for least squares.
     pub fn scale(&self) -> Option<f64> {
         match *self {

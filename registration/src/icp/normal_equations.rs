@@ -21,7 +21,7 @@ impl<const N: usize> NormalEquations<N> {
     }
 
     #[inline]
-    pub(crate) fn add(&mut self, term: &Term<N>, weight: f64) {
+    pub(crate) fn add<const D: usize, G: RigidMotion<D, N>>(&mut self, term: &Term<D, N>, weight: f64) {
         match term {
             Term::Scalar { row, error } => {
                 let scaled = row * weight;
@@ -33,13 +33,14 @@ impl<const N: usize> NormalEquations<N> {
                 self.g += scaled * *error;
                 self.cost += weight * error * error;
             }
-            Term::Block { h, g, cost } => {
+            Term::Block { metric, lever, force, cost } => {
+                let h = G::gram(lever, metric);
                 for j in 0..N {
                     for i in 0..=j {
                         self.h[(i, j)] += weight * h[(i, j)];
                     }
                 }
-                self.g += g * weight;
+                self.g += G::wrench(lever, force) * weight;
                 self.cost += weight * cost;
             }
         }
@@ -57,16 +58,28 @@ impl<const N: usize> NormalEquations<N> {
 }
 
 /// What one pair adds.
-pub(crate) enum Term<const N: usize> {
+pub(crate) enum Term<const D: usize, const N: usize> {
+    /// `(error - row · ξ)²`.
     Scalar { row: SVector<f64, N>, error: f64 },
-    Block { h: SMatrix<f64, N, N>, g: SVector<f64, N>, cost: f64 },
+    /// `(e - J ξ)ᵀ M (e - J ξ)` at a lever, with `force = M e` and `cost = eᵀ M e`.
+    Block { metric: SMatrix<f64, D, D>, lever: SVector<f64, D>, force: SVector<f64, D>, cost: f64 },
 }
 
-impl<const N: usize> Term<N> {
+impl<const D: usize, const N: usize> Term<D, N> {
+    #[inline]
     pub(crate) fn cost(&self) -> f64 {
         match self {
             Term::Scalar { error, .. } => error * error,
             Term::Block { cost, .. } => *cost,
+        }
+    }
+
+    /// `Jᵀ M e`.
+    #[inline]
+    pub(crate) fn score<G: RigidMotion<D, N>>(&self) -> SVector<f64, N> {
+        match self {
+            Term::Scalar { row, error } => row * *error,
+            Term::Block { lever, force, .. } => G::wrench(lever, force),
         }
     }
 }
@@ -74,7 +87,9 @@ impl<const N: usize> Term<N> {
 /// The term of a pair.
 ///
 /// * `lever` – source point from the source's centre, in the axes of the target;
-/// * `e` – `q - x`; `n`, `m` – normal of the target and (turned) of the source, zero if not needed.
+/// * `e` – `q - x`;
+/// * `n`, `m` – normal of the target and (turned) of the source, zero if not needed;
+/// * `metric` – inverse covariance of `e`, called only if needed.
 #[inline]
 pub(crate) fn term<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     residual: Residual,
@@ -82,7 +97,8 @@ pub(crate) fn term<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     e: &SVector<f64, D>,
     n: &SVector<f64, D>,
     m: &SVector<f64, D>,
-) -> Term<N> {
+    metric: impl FnOnce() -> SMatrix<f64, D, D>,
+) -> Term<D, N> {
     match residual {
         Residual::PointToPlane => Term::Scalar { row: G::wrench(lever, n), error: n.dot(e) },
         Residual::Symmetric => {
@@ -90,17 +106,20 @@ pub(crate) fn term<const D: usize, const N: usize, G: RigidMotion<D, N>>(
             let axis = mean.try_normalize(0.0).unwrap_or(*n);
             Term::Scalar { row: G::wrench(lever, &axis), error: axis.dot(e) }
         }
-        Residual::PointToPoint => {
-            let j = G::point_jacobian(lever);
-            Term::Block { h: j.transpose() * j, g: G::wrench(lever, e), cost: e.norm_squared() }
-        }
-        Residual::PlaneToPlane => {
-            let weight = plane_to_plane_weight(n, m);
-            let j = G::point_jacobian(lever);
-            let force = weight * e;
-            Term::Block { h: j.transpose() * (weight * j), g: G::wrench(lever, &force), cost: e.dot(&force) }
-        }
+        Residual::PointToPoint => block(SMatrix::identity(), lever, e),
+        Residual::PlaneToPlane => block(plane_to_plane_weight(n, m), lever, e),
+        Residual::Mahalanobis => block(metric(), lever, e),
     }
+}
+
+#[inline]
+fn block<const D: usize, const N: usize>(
+    metric: SMatrix<f64, D, D>,
+    lever: &SVector<f64, D>,
+    e: &SVector<f64, D>,
+) -> Term<D, N> {
+    let force = metric * e;
+    Term::Block { metric, lever: *lever, force, cost: e.dot(&force) }
 }
 
 /// `2 ε (C_n + C_m)⁻¹` for flat covariances `C_v = I - (1 - ε) v vᵀ`: 1 across parallel planes, so that residuals

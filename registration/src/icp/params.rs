@@ -26,6 +26,10 @@ pub enum Residual {
     /// Generalised ICP: `(q - x)ᵀ (C_q + R C_x Rᵀ)⁻¹ (q - x)`, both covariances flat with `0.001 : 1` (Segal,
     /// Haehnel, Thrun, "Generalized-ICP", 2009).
     PlaneToPlane,
+    /// `(q - x)ᵀ (C_q + R C_x Rᵀ)⁻¹ (q - x)` with the covariances of the points, which one cloud at least must have:
+    /// [`crate::RangeBearingNoise`] for sonar, [`crate::Cloud::estimate_covariances`] for dense scans. The residual, and
+    /// so a kernel's scale, is in standard deviations and not in metres.
+    Mahalanobis,
 }
 
 /// How one step is computed from the pairs.
@@ -164,6 +168,26 @@ impl IcpParams {
             covariance: Covariance::Spacing { scale: 20.0, radius: 0.5 },
             overlap_radius: 0.5,
         }
+    }
+
+    /// Stages for [`crate::Target::align_in_stages`] whose reach (and kernel, if any) shrinks by halves from
+    /// `first_reach` metres to that of these parameters, which are the last stage.
+    ///
+    /// Early stages let far points pull, and stop early; a reach below the last gives the last stage alone.
+    pub fn coarse_to_fine(&self, first_reach: f64) -> Vec<Self> {
+        let mut stages = vec![self.clone()];
+        let mut factor = 2.0;
+        while factor * self.max_distance <= first_reach * (1.0 + 1e-9) && stages.len() < 32 {
+            let mut stage = self.clone();
+            stage.max_distance *= factor;
+            stage.kernel = self.kernel.widened(factor);
+            stage.stop.translation *= factor;
+            stage.stop.rotation *= factor;
+            stages.push(stage);
+            factor *= 2.0;
+        }
+        stages.reverse();
+        stages
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {

@@ -1,4 +1,4 @@
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 use crate::cloud::Cloud;
 use crate::error::check;
@@ -18,6 +18,8 @@ pub struct Target<const D: usize> {
     pub(crate) normals: Option<Vec<SVector<f64, D>>>,
     /// Noise variances across the surface in tree order.
     pub(crate) variances: Option<Vec<f64>>,
+    /// Covariances of the points in tree order.
+    pub(crate) covariances: Option<Vec<SMatrix<f64, D, D>>>,
 }
 
 /// Shares of points that have a partner in the other cloud.
@@ -49,7 +51,8 @@ impl<const D: usize> Target<D> {
         let tree = KdTree::new(&centred)?;
         let normals = cloud.normals().map(|n| tree.order().iter().map(|&i| n[i as usize]).collect());
         let variances = cloud.variances().map(|v| tree.order().iter().map(|&i| v[i as usize]).collect());
-        Ok(Self { origin, tree, normals, variances })
+        let covariances = cloud.covariances().map(|c| tree.order().iter().map(|&i| c[i as usize]).collect());
+        Ok(Self { origin, tree, normals, variances, covariances })
     }
 
     /// Number of points.
@@ -67,8 +70,8 @@ impl<const D: usize> Target<D> {
     /// * `initial` – `target_from_source` to start from.
     ///
     /// # Errors
-    /// [`Error::TooFewPoints`] for an empty source, [`Error::MissingNormals`] when the residual or a rejector
-    /// needs normals a cloud does not have, [`Error::Parameter`], [`Error::NonFinite`] for a start pose with
+    /// [`Error::TooFewPoints`] for an empty source, [`Error::MissingNormals`] or [`Error::MissingCovariances`] when
+    /// the residual or a rejector needs what a cloud does not have, [`Error::Parameter`], [`Error::NonFinite`] for a start pose with
     /// NaN.
     pub fn align<const N: usize, G: RigidMotion<D, N>>(
         &self,
