@@ -20,6 +20,7 @@ mod similarity;
 mod solvers;
 mod spectral;
 mod split_mix;
+mod tridiagonal;
 
 pub use affinity::{Affinity, AffinityParams, Attributes, Kernel};
 pub use as_coded::{AsCodedParams, as_coded};

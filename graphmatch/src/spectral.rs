@@ -1,6 +1,5 @@
-use nalgebra::DMatrix;
-
 use crate::Affinity;
+use crate::tridiagonal::largest_eigenpair;
 
 /// A principal eigenvector of an affinity.
 #[derive(Debug, Clone, PartialEq)]
@@ -128,7 +127,7 @@ fn lanczos(apply: &impl Fn(&[f64], &mut [f64]), from: Eigenvector) -> Eigenvecto
             }
         }
         let beta = normalize(&mut next);
-        let (value, ritz) = largest_pair(&diagonal, &off);
+        let (value, ritz) = largest_eigenpair(&diagonal, &off);
         let residual = if value > 0.0 { beta * ritz[k].abs() / value } else { 0.0 };
         if residual <= TOLERANCE || k + 1 == STEPS || beta == 0.0 {
             let mut vector = vec![0.0; next.len()];
@@ -149,17 +148,4 @@ fn lanczos(apply: &impl Fn(&[f64], &mut [f64]), from: Eigenvector) -> Eigenvecto
         off.push(beta);
         basis.push(next);
     }
-}
-
-/// Largest eigenvalue of a symmetric tridiagonal matrix, and its eigenvector.
-fn largest_pair(diagonal: &[f64], off: &[f64]) -> (f64, Vec<f64>) {
-    let n = diagonal.len();
-    let matrix = DMatrix::from_fn(n, n, |i, j| match i.abs_diff(j) {
-        0 => diagonal[i],
-        1 => off[i.min(j)],
-        _ => 0.0,
-    });
-    let eigen = matrix.symmetric_eigen();
-    let best = (0..n).max_by(|&i, &j| eigen.eigenvalues[i].total_cmp(&eigen.eigenvalues[j])).unwrap_or(0);
-    (eigen.eigenvalues[best], eigen.eigenvectors.column(best).iter().copied().collect())
 }

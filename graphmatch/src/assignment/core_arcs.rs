@@ -3,16 +3,19 @@ use std::collections::BinaryHeap;
 
 use super::Costs;
 use super::length::Length;
+use super::row_reduction::{Bid, Rows, reduce_rows};
 use super::state::{NONE, State, reduce_columns};
 
 /// Cheapest arcs of a row at first.
 const ARCS: usize = 12;
 /// Share of all entries beyond which the core is no help any more.
 const MOST_OF_ALL: f64 = 0.2;
+/// Bids a row after which the search takes over; they are cheap here.
+const BIDS: usize = 30;
 /// Rounds of pricing before giving up.
 const ROUNDS: usize = 30;
 
-/// Solves over each row's few cheapest arcs, then looks through all entries for one that the duals contradict, adds
+/// Solves a square problem over each row's few cheapest arcs, then looks through all entries for one that the duals contradict, adds
 /// those and goes on from there. The answer is optimal for the whole matrix, by the duals.
 ///
 /// `None` where that does not pay (all rows want the same columns) or no assignment was found: the caller then
@@ -20,16 +23,14 @@ const ROUNDS: usize = 30;
 ///
 /// **Source**: Volgenant, "Linear and semi-assignment problems: a core oriented approach", 1996.
 pub(super) fn solve(costs: Costs) -> Option<State> {
-    let square = costs.rows == costs.columns;
     let mut state = State::new(costs);
-    if square {
-        reduce_columns(costs, &mut state);
-    }
+    reduce_columns(costs, &mut state);
     let mut core = Core::new(costs, &state)?;
     let mut free = state.free_rows();
     for _ in 0..ROUNDS {
-        core.reduce_rows(&mut state, &mut free);
-        core.reduce_rows(&mut state, &mut free);
+        for _ in 0..2 {
+            reduce_rows(&core, &mut state, &mut free, BIDS);
+        }
         for &row in &free {
             core.search(costs, &mut state, row as usize)?;
         }
@@ -37,16 +38,10 @@ pub(super) fn solve(costs: Costs) -> Option<State> {
         if free.is_empty() {
             return Some(state);
         }
-        if square {
-            for &row in &free {
-                let column = state.column_of_row[row as usize] as usize;
-                state.column_of_row[row as usize] = NONE;
-                state.row_of_column[column] = NONE;
-            }
-        } else {
-            // A column left idle must have dual 0, so with columns to spare the larger core starts anew.
-            state = State::new(costs);
-            free = state.free_rows();
+        for &row in &free {
+            let column = state.column_of_row[row as usize] as usize;
+            state.column_of_row[row as usize] = NONE;
+            state.row_of_column[column] = NONE;
         }
     }
     None
@@ -106,61 +101,6 @@ impl Core {
         }
         self.budget = self.budget.checked_sub(arcs.len())?;
         Some(())
-    }
-
-    /// As in the dense algorithm, over the core's arcs.
-    fn reduce_rows(&self, state: &mut State, free: &mut Vec<u32>) {
-        let mut waiting = Vec::new();
-        let mut bids = 0;
-        for &start in free.iter() {
-            let mut row = start;
-            loop {
-                bids += 1;
-                let (best, second, value, next) = self.two_least(row, &state.v);
-                if next == f64::INFINITY {
-                    waiting.push(row);
-                    break;
-                }
-                let lowered = next > value;
-                let mut column = best;
-                if lowered {
-                    state.v[best] -= next - value;
-                } else if state.row_of_column[best] != NONE {
-                    column = second;
-                }
-                let driven_out = state.row_of_column[column];
-                if driven_out != NONE {
-                    if !lowered {
-                        waiting.push(row);
-                        break;
-                    }
-                    state.column_of_row[driven_out as usize] = NONE;
-                }
-                state.assign(row as usize, column);
-                if driven_out == NONE {
-                    break;
-                }
-                if bids > 30 * self.arcs.len() {
-                    waiting.push(driven_out);
-                    break;
-                }
-                row = driven_out;
-            }
-        }
-        *free = waiting;
-    }
-
-    fn two_least(&self, row: u32, v: &[f64]) -> (usize, usize, f64, f64) {
-        let mut found = (0, 0, f64::INFINITY, f64::INFINITY);
-        for &(j, c) in &self.arcs[row as usize] {
-            let r = c - v[j as usize];
-            if r < found.2 {
-                found = (j as usize, found.0, r, found.2);
-            } else if r < found.3 {
-                (found.1, found.3) = (j as usize, r);
-            }
-        }
-        found
     }
 
     /// Assigns a free row along a shortest path of core arcs, taking in more arcs where there is none.
@@ -274,6 +214,30 @@ impl Core {
     }
 }
 
+impl Rows for Core {
+    fn len(&self) -> usize {
+        self.arcs.len()
+    }
+
+    fn bid(&self, row: usize, v: &[f64]) -> Option<Bid> {
+        let mut bid = Bid { best: 0, value: f64::INFINITY, next: f64::INFINITY };
+        for &(j, c) in &self.arcs[row] {
+            let r = c - v[j as usize];
+            if r < bid.value {
+                bid = Bid { best: j as usize, value: r, next: bid.value };
+            } else if r < bid.next {
+                bid.next = r;
+            }
+        }
+        (bid.value < f64::INFINITY).then_some(bid)
+    }
+
+    fn second(&self, row: usize, v: &[f64], bid: &Bid) -> Option<usize> {
+        let others = self.arcs[row].iter().map(|(j, c)| (*j as usize, c));
+        others.filter(|(j, c)| *j != bid.best && *c - v[*j] == bid.next).map(|(j, _)| j).next()
+    }
+}
+
 /// Rounding of a reduced cost of this size.
 fn tolerance(size: f64) -> f64 {
     1e-13 * (1.0 + size.abs())
@@ -325,4 +289,58 @@ fn typical_reach(costs: Costs, v: &[f64]) -> f64 {
         .collect();
     reaches.sort_by(f64::total_cmp);
     reaches[reaches.len() / 2]
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    /// Cost of the assignment, after a look at its duals: no entry may undercut a row's own.
+    fn certified_cost(costs: Costs, state: &State) -> f64 {
+        let mut total = 0.0;
+        for row in 0..costs.rows {
+            let column = state.column_of_row[row] as usize;
+            assert_eq!(state.row_of_column[column], row as u32);
+            let own = costs.row(row)[column] - state.v[column];
+            for (c, v) in costs.row(row).iter().zip(&state.v) {
+                assert!(c - v >= own - 1e-9, "row {row}: {} undercuts {own}", c - v);
+            }
+            total += costs.row(row)[column];
+        }
+        total
+    }
+
+    #[test]
+    fn core_finds_what_all_entries_find() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+        let mut solved = [0; 4];
+        for n in [16, 40, 75, 130] {
+            for _ in 0..12 {
+                for (kind, solved) in solved.iter_mut().enumerate() {
+                    let mut entry = |i: usize, j: usize| {
+                        let uniform: f64 = rng.random();
+                        match kind {
+                            0 => uniform,
+                            1 => (30.0 * uniform).floor(),
+                            2 if i != j && uniform < 0.6 => f64::INFINITY,
+                            2 => uniform - 0.5,
+                            _ => (i as f64 - j as f64).abs() + uniform,
+                        }
+                    };
+                    let values: Vec<f64> = (0..n * n).map(|k| entry(k / n, k % n)).collect();
+                    let costs = Costs { rows: n, columns: n, values: &values };
+                    let expected = super::super::dense::solve(costs).unwrap();
+                    if let Some(found) = solve(costs) {
+                        *solved += 1;
+                        let (found, expected) =
+                            (certified_cost(costs, &found), certified_cost(costs, &expected));
+                        assert!((found - expected).abs() <= 1e-9 * n as f64, "{found} and {expected}");
+                    }
+                }
+            }
+        }
+        assert!(solved.iter().all(|s| *s >= 20), "the core solved {solved:?} of 48 each");
+    }
 }

@@ -3,7 +3,9 @@
 mod core_arcs;
 mod costs;
 mod dense;
+mod kernels;
 mod length;
+mod row_reduction;
 mod solve;
 mod sparse;
 mod state;

@@ -21,16 +21,17 @@ pub struct Assignment {
     pub cost: f64,
 }
 
-/// Fewest rows for which a core of cheap arcs is tried first.
-const CORE_FROM: usize = 48;
+/// Fewest rows and columns for which a core of cheap arcs is tried first: below, the matrix stays in the cache and looking
+/// at all entries is as fast.
+const CORE_FROM: usize = 1000;
 
 /// The assignment of least total cost: every row gets a column, or every column a row where there are fewer.
 ///
 /// # Errors
 /// [`Error::Infeasible`] where forbidden pairs leave a row (of the smaller side) without a partner.
 ///
-/// Cost O(n² m) at worst for n ≤ m; typically a few passes over the matrix, because most of the work happens on each
-/// row's few cheapest entries.
+/// Cost O(n² m) at worst for n ≤ m; typically a few passes over the matrix, because most of the work
+/// happens in the first two steps, and in large square problems on each row's few cheapest entries.
 ///
 /// **Source**: Jonker, Volgenant, "A shortest augmenting path algorithm for dense and sparse linear assignment
 /// problems", 1987; rectangular as in Bijsterbosch, Volgenant, 2010; core of cheap arcs as in Volgenant, 1996. We
@@ -84,6 +85,7 @@ pub fn assign_or_leave(costs: Costs, unmatched: f64) -> Result<Assignment, Error
 
 fn assign_wide(costs: Costs) -> Result<State, Error> {
     if costs.rows >= CORE_FROM
+        && costs.rows == costs.columns
         && let Some(state) = core_arcs::solve(costs)
     {
         return Ok(state);

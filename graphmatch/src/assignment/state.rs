@@ -59,14 +59,17 @@ impl State {
 }
 
 /// Column minima as duals, and each column to the row that has it, first come. Only for square problems.
+#[inline(always)]
 pub(super) fn reduce_columns(costs: Costs, state: &mut State) {
     let mut lowest = vec![f64::INFINITY; costs.columns];
-    let mut row_of_lowest = vec![0_u64; costs.columns];
+    // As numbers of the costs' type, so that both are chosen in the same stroke.
+    let mut row_of_lowest = vec![0.0; costs.columns];
     for i in 0..costs.rows {
+        let number = i as f64;
         for ((c, low), row) in costs.row(i).iter().zip(&mut lowest).zip(&mut row_of_lowest) {
             let better = c < low;
             *low = if better { *c } else { *low };
-            *row = if better { i as u64 } else { *row };
+            *row = if better { number } else { *row };
         }
     }
     for j in 0..costs.columns {

@@ -11,11 +11,13 @@ pub(super) struct Explanation {
     pub(super) map1_from_map2: Isometry2<f64>,
     /// Pairs in order of the first index.
     pub(super) pairs: Vec<(usize, usize)>,
-    /// Objects in the common area, the mean of both maps' counts, by rarity.
+    /// Objects in the common area, the mean of both maps' counts, repeated ones by their weight.
     pub(super) inside: f64,
     /// Evidence of the pairs alone.
     pub(super) pair_sum: f64,
-    /// What repeated structure took off the evidence of the pairs.
+    /// Evidence of the pairs that are no repeated structure.
+    pub(super) distinct_sum: f64,
+    /// What being repeated took off the evidence of the pairs.
     pub(super) discounted: f64,
     /// Logarithm of the likelihood of both maps given the transform, over their likelihood as unrelated maps.
     pub(super) log_likelihood: f64,
@@ -28,11 +30,12 @@ const PASSES: usize = 4;
 /// Matches, fits, and matches again from a first guess; `None` if fewer than `min_pairs` fall together.
 pub(super) fn refine(problem: &Problem, guess: &Isometry2<f64>) -> Option<Explanation> {
     let mut transform = *guess;
+    let fewest = problem.fewest_pairs();
     let mut pairs = Vec::new();
     for pass in 0..PASSES {
         let gate = problem.params.gate * if pass == 0 { 2.0 } else { 1.0 };
         let next = matches(problem, &transform, gate);
-        if next.len() < problem.params.min_pairs {
+        if next.len() < fewest {
             return None;
         }
         if pass > 1 && next == pairs {
@@ -82,37 +85,52 @@ pub(super) fn ties(problem: &Problem, pairs: &[(usize, usize)]) -> Vec<Tie> {
         .collect()
 }
 
+/// Pairs' worth of a repeated structure that falls together. As many as it takes to pin a transform: which shift
+/// of the structure it is, no number of such pairs can tell.
+pub(super) const ONCE: f64 = 2.0;
+
 fn weigh(problem: &Problem, transform: Isometry2<f64>, pairs: Vec<(usize, usize)>) -> Option<Explanation> {
-    let (mut pair_sum, mut plain_sum) = (0.0, 0.0);
+    let (mut distinct_sum, mut repeated_sum, mut repeated) = (0.0, 0.0, 0);
     for &(i, a) in &pairs {
         let distance_sq = (problem.p1[i] - transform * problem.p2[a]).norm_squared();
-        let chi2 = distance_sq / problem.variance(i, a);
-        pair_sum += problem.worth(i, a, chi2);
-        plain_sum += problem.gain(i, a) - 0.5 * chi2;
+        let worth = problem.gain(i, a) - 0.5 * distance_sq / problem.variance(i, a);
+        if problem.is_repeated(i, a) {
+            repeated_sum += worth;
+            repeated += 1;
+        } else {
+            distinct_sum += worth;
+        }
     }
-    let common = Common::new(problem, &transform, &pairs);
+    let weight = (ONCE / f64::from(repeated)).min(1.0);
+    let pair_sum = distinct_sum + weight * repeated_sum;
+    let common = Common::new(problem, &transform, &pairs, weight);
     let inside = 0.5 * (common.inside1 + common.inside2);
     let log_likelihood = pair_sum + log_detection(common.inside1 + common.inside2, common.paired);
-    let information = information(&ties(problem, &pairs));
-    let determinant = information.determinant();
+    // The peak is that of the likelihood as weighed.
+    let mut weighed = ties(problem, &pairs);
+    for (tie, &(i, a)) in weighed.iter_mut().zip(&pairs) {
+        tie.weight *= if problem.is_repeated(i, a) { weight } else { 1.0 };
+    }
+    let determinant = information(&weighed).determinant();
     if !(determinant.is_finite() && determinant > 0.0) {
         return None;
     }
     let peak = 1.5 * TAU.ln() - 0.5 * determinant.ln();
     let log_evidence = log_likelihood + peak + log_prior(problem, &common);
-    let discounted = plain_sum - pair_sum;
+    let discounted = (1.0 - weight) * repeated_sum;
     Some(Explanation {
         map1_from_map2: transform,
         pairs,
         inside,
         pair_sum,
+        distinct_sum,
         discounted,
         log_likelihood,
         log_evidence,
     })
 }
 
-/// Objects in the area that both maps cover, each counted by its rarity.
+/// Objects in the area that both maps cover, repeated ones by their weight.
 struct Common {
     inside1: f64,
     inside2: f64,
@@ -122,7 +140,7 @@ struct Common {
 }
 
 impl Common {
-    fn new(problem: &Problem, transform: &Isometry2<f64>, pairs: &[(usize, usize)]) -> Self {
+    fn new(problem: &Problem, transform: &Isometry2<f64>, pairs: &[(usize, usize)], weight: f64) -> Self {
         let inverse = transform.inverse();
         let mut inside1: Vec<bool> =
             problem.p1.iter().map(|p| problem.window2.contains(&(inverse * p))).collect();
@@ -133,14 +151,18 @@ impl Common {
             inside1[i] = true;
             inside2[a] = true;
         }
-        let count = |inside: &[bool], rarity: &[f64]| -> f64 {
-            inside.iter().zip(rarity).filter(|(inside, _)| **inside).map(|(_, rarity)| rarity).sum()
+        let weight_of = |repeated: bool| if repeated { weight } else { 1.0 };
+        let count = |inside: &[bool], repeated: &[bool]| -> f64 {
+            inside.iter().zip(repeated).filter(|(inside, _)| **inside).map(|(_, r)| weight_of(*r)).sum()
         };
         let share = |inside: &[bool]| inside.iter().filter(|i| **i).count() as f64 / inside.len() as f64;
         Self {
-            inside1: count(&inside1, &problem.rarity1),
-            inside2: count(&inside2, &problem.rarity2),
-            paired: pairs.iter().map(|&(i, a)| 0.5 * (problem.rarity1[i] + problem.rarity2[a])).sum(),
+            inside1: count(&inside1, &problem.repeated1),
+            inside2: count(&inside2, &problem.repeated2),
+            paired: pairs
+                .iter()
+                .map(|&(i, a)| 0.5 * (weight_of(problem.repeated1[i]) + weight_of(problem.repeated2[a])))
+                .sum(),
             share: 0.5 * (share(&inside1) + share(&inside2)),
         }
     }

@@ -1,6 +1,7 @@
 use nalgebra::{Isometry2, Point2, UnitComplex, Vector2};
 use std::f64::consts::{PI, TAU};
 
+use super::evidence::ONCE;
 use super::problem::Problem;
 
 /// A transform that turns about one assumed pair so that as much as possible else falls together.
@@ -11,8 +12,8 @@ pub(super) struct Hypothesis {
     pub(super) map1_from_map2: Isometry2<f64>,
 }
 
-/// The other objects of a map as seen from one of them, nearest first.
-struct Ray {
+/// One other object of a map as seen from an object.
+pub(super) struct Ray {
     distance: f64,
     angle: f64,
     object: usize,
@@ -23,9 +24,14 @@ struct Ray {
 /// For each pair (i, a) taken as the pivot, each other pair (j, b) of equal distance from the pivot votes for the
 /// turn that brings b onto j, with a width that its noise allows; the turn with the largest sum of votes wins.
 /// Cost O(N M k) for k votes a pivot.
-pub(super) fn hypotheses(problem: &Problem, pivots: impl Iterator<Item = usize>) -> Vec<Hypothesis> {
-    let rays1 = rays(&problem.p1, problem.params.min_edge);
-    let rays2 = rays(&problem.p2, problem.params.min_edge);
+///
+/// * `rays1`, `rays2` – [`rays`] of both maps.
+pub(super) fn hypotheses(
+    problem: &Problem,
+    rays1: &[Vec<Ray>],
+    rays2: &[Vec<Ray>],
+    pivots: impl Iterator<Item = usize>,
+) -> Vec<Hypothesis> {
     let longest = rays1.iter().filter_map(|r| r.last()).map(|r| r.distance).fold(0.0, f64::max);
     let mut votes = Votes::new(problem, longest);
     let mut found = Vec::new();
@@ -35,11 +41,11 @@ pub(super) fn hypotheses(problem: &Problem, pivots: impl Iterator<Item = usize>)
                 continue;
             }
             votes.collect(problem, (i, a), &rays1[i], from2);
-            if let Some((score, angle)) = votes.best() {
+            if let Some((score, angle)) = votes.best(problem, (i, a)) {
                 let rotation = UnitComplex::new(angle);
                 let translation = problem.p1[i].coords - rotation * problem.p2[a].coords;
                 found.push(Hypothesis {
-                    score: score + problem.worth(i, a, 0.0),
+                    score,
                     pivot: (i, a),
                     map1_from_map2: Isometry2::from_parts(translation.into(), rotation),
                 });
@@ -50,7 +56,8 @@ pub(super) fn hypotheses(problem: &Problem, pivots: impl Iterator<Item = usize>)
     found
 }
 
-fn rays(points: &[Point2<f64>], shortest: f64) -> Vec<Vec<Ray>> {
+/// The other objects of a map as seen from each of them, nearest first, but for those nearer than `shortest`.
+pub(super) fn rays(points: &[Point2<f64>], shortest: f64) -> Vec<Vec<Ray>> {
     points
         .iter()
         .map(|p| {
@@ -67,9 +74,12 @@ fn rays(points: &[Point2<f64>], shortest: f64) -> Vec<Vec<Ray>> {
         .collect()
 }
 
-/// Sum of votes for every turn, as its changes from bin to bin.
+/// Sums of votes for every turn, as their changes from bin to bin: those of repeated pairs apart, because all of them
+/// together count for a few.
 struct Votes {
-    changes: Vec<f64>,
+    distinct: Vec<f64>,
+    repeated: Vec<f64>,
+    any_repeated: bool,
 }
 
 impl Votes {
@@ -78,56 +88,93 @@ impl Votes {
     fn new(problem: &Problem, longest: f64) -> Self {
         let narrowest = problem.params.gate * problem.largest_sigma / longest.max(1e-9);
         let bins = ((TAU / narrowest).min(1024.0) as usize).next_power_of_two().clamp(64, 1024);
-        Self { changes: vec![0.0; bins] }
+        Self { distinct: vec![0.0; bins], repeated: vec![0.0; bins], any_repeated: false }
     }
 
     fn collect(&mut self, problem: &Problem, (i, a): (usize, usize), from1: &[Ray], from2: &[Ray]) {
-        self.changes.fill(0.0);
+        self.distinct.fill(0.0);
+        if self.any_repeated {
+            self.repeated.fill(0.0);
+            self.any_repeated = false;
+        }
         let cut = problem.params.gate * std::f64::consts::SQRT_2 * problem.largest_sigma;
+        let own_variance = problem.variance(i, a);
         let mut low = 0;
         for ray1 in from1 {
             while low < from2.len() && from2[low].distance < ray1.distance - cut {
                 low += 1;
             }
             for ray2 in from2[low..].iter().take_while(|ray2| ray2.distance <= ray1.distance + cut) {
+                let gain = problem.gain(ray1.object, ray2.object);
+                if gain <= 0.0 {
+                    continue;
+                }
                 // The difference of two edges of equal pairs has the variance of both their ends.
-                let variance = problem.variance(i, a) + problem.variance(ray1.object, ray2.object);
+                let variance = own_variance + problem.variance(ray1.object, ray2.object);
                 let difference = ray1.distance - ray2.distance;
-                let weight = problem.worth(ray1.object, ray2.object, difference * difference / variance);
+                let weight = gain - 0.5 * difference * difference / variance;
                 if weight > 0.0 {
                     // Two standard deviations: wider votes make more turns look alike than right ones gain.
                     let width = 2.0 * variance.sqrt() / ray1.distance;
-                    self.add(ray1.angle - ray2.angle, width.min(0.5 * PI), weight);
+                    let repeated = problem.is_repeated(ray1.object, ray2.object);
+                    self.any_repeated |= repeated;
+                    let changes = if repeated { &mut self.repeated } else { &mut self.distinct };
+                    add(changes, ray1.angle - ray2.angle, width.min(0.5 * PI), weight);
                 }
             }
         }
     }
 
-    fn add(&mut self, angle: f64, half_width: f64, weight: f64) {
-        let bins = self.changes.len();
-        let scale = bins as f64 / TAU;
-        // Angles lie in (-2π, 2π) and widths below π/2: three turns up makes all positive.
-        let bin = |x: f64| ((x + 3.0 * TAU) * scale) as usize & (bins - 1);
-        let (from, to) = (bin(angle - half_width), (bin(angle + half_width) + 1) & (bins - 1));
-        self.changes[from] += weight;
-        self.changes[to] -= weight;
-        if to < from {
-            self.changes[0] += weight;
+    /// Largest sum, that of the pivot included, and its turn; `None` without votes.
+    fn best(&self, problem: &Problem, (i, a): (usize, usize)) -> Option<(f64, f64)> {
+        let own = problem.gain(i, a);
+        let is_repeated = problem.is_repeated(i, a);
+        if !self.any_repeated {
+            let (votes, angle) = peak(self.distinct.iter().copied())?;
+            return Some((votes + own, angle));
         }
+        let most = ONCE * problem.place;
+        let (own_distinct, own_repeated) = if is_repeated { (0.0, own) } else { (own, 0.0) };
+        let (mut distinct, mut repeated, mut last) = (0.0, 0.0, 0.0);
+        let sums = self.distinct.iter().zip(&self.repeated).map(|(d, r)| {
+            distinct += d;
+            repeated += r;
+            let sum = distinct + (own_repeated + repeated).min(most.max(own_repeated));
+            let change = sum - last;
+            last = sum;
+            change
+        });
+        let (sum, angle) = peak(sums)?;
+        Some((sum + own_distinct, angle))
     }
+}
 
-    /// Largest sum and its turn; `None` without votes.
-    fn best(&self) -> Option<(f64, f64)> {
-        let (mut sum, mut best, mut from, mut to) = (0.0, 0.0, 0, 0);
-        for (k, change) in self.changes.iter().enumerate() {
-            sum += change;
-            if sum > best + 1e-9 {
-                (best, from, to) = (sum, k, k);
-            } else if to + 1 == k && sum >= best - 1e-9 {
-                to = k;
-            }
-        }
-        let middle = 0.5 * (from + to + 1) as f64 * TAU / self.changes.len() as f64;
-        (best > 0.0).then_some((best, middle))
+fn add(changes: &mut [f64], angle: f64, half_width: f64, weight: f64) {
+    let bins = changes.len();
+    let scale = bins as f64 / TAU;
+    // Angles lie in (-2π, 2π) and widths below π/2: three turns up makes all positive.
+    let bin = |x: f64| ((x + 3.0 * TAU) * scale) as usize & (bins - 1);
+    let (from, to) = (bin(angle - half_width), (bin(angle + half_width) + 1) & (bins - 1));
+    changes[from] += weight;
+    changes[to] -= weight;
+    if to < from {
+        changes[0] += weight;
     }
+}
+
+/// Largest running sum of changes over a circle and the turn in the middle of where it holds; `None` if it is not
+/// above 0.
+fn peak(changes: impl ExactSizeIterator<Item = f64>) -> Option<(f64, f64)> {
+    let bins = changes.len();
+    let (mut sum, mut best, mut from, mut to) = (0.0, 0.0, 0, 0);
+    for (k, change) in changes.enumerate() {
+        sum += change;
+        if sum > best + 1e-9 {
+            (best, from, to) = (sum, k, k);
+        } else if to + 1 == k && sum >= best - 1e-9 {
+            to = k;
+        }
+    }
+    let middle = 0.5 * (from + to + 1) as f64 * TAU / bins as f64;
+    (best > 0.0).then_some((best, middle))
 }

@@ -2,10 +2,11 @@ use draco_lie::GaussianPose2;
 use nalgebra::{Isometry2, Point2};
 
 use super::ConsensusParams;
+use super::alike::Alike;
 use super::evidence::{Explanation, middle, refine, ties};
-use super::hypotheses::hypotheses;
+use super::hypotheses::{Ray, hypotheses, rays};
 use super::problem::Problem;
-use super::rarity::rarity;
+use super::repeated::repeated;
 use crate::object::check_map;
 use crate::rigid::information;
 use crate::{Error, Match, Mode, Object, Pair, Similarity, Verdict};
@@ -24,9 +25,11 @@ pub fn consensus(
     check_map(map1, "map1")?;
     check_map(map2, "map2")?;
     let mut problem = Problem::new(map1, map2, similarity, params);
-    problem.rarity1 = rarity(map1, params);
-    problem.rarity2 = rarity(map2, params);
-    let found = separate_modes(&problem);
+    let rays1 = rays(&problem.p1, params.min_edge);
+    let rays2 = rays(&problem.p2, params.min_edge);
+    problem.repeated1 = repeated(map1, &rays1, &Alike::of_map1(&problem), params);
+    problem.repeated2 = repeated(map2, &rays2, &Alike::of_map2(&problem), params);
+    let found = separate_modes(&problem, &rays1, &rays2);
     Ok(judge(&problem, found))
 }
 
@@ -34,12 +37,12 @@ pub fn consensus(
 const HOPELESS: f64 = 20.0;
 
 /// Explanations that differ in their transform, best first.
-fn separate_modes(problem: &Problem) -> Vec<Explanation> {
+fn separate_modes(problem: &Problem, rays1: &[Vec<Ray>], rays2: &[Vec<Ray>]) -> Vec<Explanation> {
     let centre = middle(&problem.p2);
     let mut found: Vec<Explanation> = Vec::new();
     let mut refined = 0;
     let mut best_sum = f64::NEG_INFINITY;
-    for hypothesis in hypotheses(problem, 0..problem.p1.len()) {
+    for hypothesis in hypotheses(problem, rays1, rays2, 0..problem.p1.len()) {
         // A hypothesis' score is more than its pairs will be worth, so nothing below can come near the best.
         if refined >= problem.params.max_hypotheses || hypothesis.score < best_sum - HOPELESS {
             break;
@@ -87,7 +90,7 @@ fn judge(problem: &Problem, found: Vec<Explanation>) -> Match {
         Some(best) if best.log_evidence + best.discounted > problem.params.log_odds_nothing => {
             let share = (best.log_evidence - largest).exp() / something;
             // On a map that repeats itself the count of pairs says little; what is left must carry the answer.
-            let told = best.pair_sum >= DISTINCT_PAIRS * problem.place;
+            let told = best.distinct_sum >= DISTINCT_PAIRS * problem.place;
             if told && share >= problem.params.unique_probability {
                 Verdict::Unique
             } else {
@@ -104,7 +107,7 @@ fn judge(problem: &Problem, found: Vec<Explanation>) -> Match {
     Match::from_modes(modes, verdict)
 }
 
-/// Pairs' worth of evidence that a unique answer needs after discounting repeated structure.
+/// Pairs' worth of evidence that a unique answer needs beside repeated structure.
 const DISTINCT_PAIRS: f64 = 2.5;
 
 fn mode(problem: &Problem, e: Explanation, largest: f64, total: f64) -> Option<Mode> {

@@ -17,9 +17,9 @@ pub(super) struct Problem<'a> {
     gain: Vec<f64>,
     /// The part of `gain` that comes from likeness.
     looks: Vec<f64>,
-    /// How much the place of an object tells, 1 or less where the map repeats itself.
-    pub(super) rarity1: Vec<f64>,
-    pub(super) rarity2: Vec<f64>,
+    /// Whether the map shows an object elsewhere again, in the same company.
+    pub(super) repeated1: Vec<bool>,
+    pub(super) repeated2: Vec<bool>,
     /// Place evidence of a pair of ordinary accuracy.
     pub(super) place: f64,
     pub(super) largest_sigma: f64,
@@ -52,16 +52,16 @@ impl<'a> Problem<'a> {
                 let v = (v1 + v2).max(1e-6);
                 variance.push(v);
                 let place = -(std::f64::consts::TAU * v * density).ln();
-                let looks = similarity.log_ratio(i, a);
-                gain.push(looks.map_or(f64::NEG_INFINITY, |looks| place + looks));
-                all_looks.push(looks.unwrap_or(f64::NEG_INFINITY));
+                let looks = similarity.log_ratio(i, a).unwrap_or(f64::NEG_INFINITY);
+                gain.push(place + looks);
+                all_looks.push(looks);
             }
         }
         let largest_sigma = variance.iter().fold(0.0, |m: f64, v| m.max(*v)).sqrt();
         // The first pass of a refinement looks twice as far as the gate.
         let buckets = Buckets::new(&p1, 2.0 * params.gate * largest_sigma.max(1e-3));
         let place = -(std::f64::consts::TAU * params.position_sigma * params.position_sigma * density).ln();
-        let (rarity1, rarity2) = (vec![1.0; p1.len()], vec![1.0; p2.len()]);
+        let (repeated1, repeated2) = (vec![false; p1.len()], vec![false; p2.len()]);
         Self {
             params,
             p1,
@@ -69,8 +69,8 @@ impl<'a> Problem<'a> {
             variance,
             gain,
             looks: all_looks,
-            rarity1,
-            rarity2,
+            repeated1,
+            repeated2,
             place,
             largest_sigma,
             window1,
@@ -87,13 +87,20 @@ impl<'a> Problem<'a> {
         self.gain[i * self.p2.len() + a]
     }
 
-    /// Evidence of a pair `chi2` apart, its place counted by how rare it is.
-    pub(super) fn worth(&self, i: usize, a: usize, chi2: f64) -> f64 {
-        let looks = self.looks[i * self.p2.len() + a];
-        // A pair ruled out has looks of -∞, which must not meet the -∞ of its gain.
-        if looks == f64::NEG_INFINITY {
-            return looks;
-        }
-        looks + self.rarity1[i].min(self.rarity2[a]) * (self.gain(i, a) - looks - 0.5 * chi2)
+    /// Whether a pair is one of many that stand or fall together.
+    pub(super) fn is_repeated(&self, i: usize, a: usize) -> bool {
+        self.repeated1[i] || self.repeated2[a]
+    }
+
+    /// Fewest pairs of a mode.
+    pub(super) fn fewest_pairs(&self) -> usize {
+        let repeats = |repeated: &[bool]| repeated.contains(&true);
+        let both = repeats(&self.repeated1) && repeats(&self.repeated2);
+        self.params.min_pairs.saturating_sub(usize::from(both))
+    }
+
+    /// Likeness of a pair, -∞ where ruled out.
+    pub(super) fn looks(&self, i: usize, a: usize) -> f64 {
+        self.looks[i * self.p2.len() + a]
     }
 }

@@ -1,4 +1,5 @@
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 use nalgebra::Point2;
 
@@ -29,12 +30,37 @@ pub struct Dbscan {
     grid: Grid,
     points: Vec<Point2<f64>>,
     /// Occupied cells. Never iterated, so its order cannot show.
-    cells: HashMap<Cell, Members>,
+    cells: HashMap<Cell, Members, BuildHasherDefault<CellHasher>>,
     /// Neighbours of every point, itself included, counted up to `min_samples`.
     neighbours: Vec<u32>,
     /// Core neighbours of a point that is not core (fewer than `min_samples`), else empty.
     touching: Vec<Vec<u32>>,
     sets: DisjointSets,
+}
+
+/// Mixes the two numbers of a cell; a look at 25 cells a point is most of the work, and nobody chooses them to collide.
+#[derive(Debug, Clone, Default)]
+struct CellHasher(u64);
+
+impl Hasher for CellHasher {
+    fn write(&mut self, bytes: &[u8]) {
+        for &b in bytes {
+            self.write_u64(u64::from(b));
+        }
+    }
+
+    fn write_u64(&mut self, x: u64) {
+        // The odd number nearest 2⁶⁴ over the golden ratio spreads neighbours; the table takes the upper bits too.
+        self.0 = (self.0.rotate_left(26) ^ x).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+
+    fn write_i64(&mut self, x: i64) {
+        self.write_u64(x.cast_unsigned());
+    }
+
+    fn finish(&self) -> u64 {
+        self.0 ^ (self.0 >> 32)
+    }
 }
 
 /// Points of one cell. They are mutual neighbours, so its core points belong to one cluster.
@@ -60,7 +86,7 @@ impl Dbscan {
             min_samples,
             grid: Grid::new(eps),
             points: Vec::new(),
-            cells: HashMap::new(),
+            cells: HashMap::default(),
             neighbours: Vec::new(),
             touching: Vec::new(),
             sets: DisjointSets::default(),

@@ -1,4 +1,5 @@
 use nalgebra::DMatrix;
+use pulp::{Arch, Simd, WithSimd};
 use rand::{Rng, RngExt};
 
 use super::{Permutation, Qap};
@@ -37,7 +38,8 @@ pub fn robust_tabu(problem: &Qap, params: &TabuParams, rng: &mut impl Rng) -> Pe
         for k in (1..n).rev() {
             image.swap(k, rng.random_range(0..=k));
         }
-        let found = Search::new(problem, image).run(params.iterations / restarts, rng);
+        let search = Search::new(problem, image);
+        let found = Arch::new().dispatch(Run { search, swaps: params.iterations / restarts, rng: &mut *rng });
         if found.cost < best.cost {
             best = found;
         }
@@ -48,58 +50,86 @@ pub fn robust_tabu(problem: &Qap, params: &TabuParams, rng: &mut impl Rng) -> Pe
 }
 
 struct Search<'a> {
-    a: &'a DMatrix<f64>,
-    b: &'a DMatrix<f64>,
+    problem: &'a Qap,
+    /// `a` by rows; the matrix itself is by columns.
+    a_rows: DMatrix<f64>,
     n: usize,
     image: Vec<usize>,
     cost: f64,
-    /// `b[p(i), p(j)]`, column-major, kept current: the changes read it in order.
+    /// `b[p(i), p(j)]` by columns and by rows, kept current: the changes read it in order.
     placed: Vec<f64>,
+    placed_rows: Vec<f64>,
     /// Change of cost when i and j swap, for i < j, at `i * n + j`.
     change: Vec<f64>,
     /// Swap at which object i may return to place k, at `i * n + k`.
-    barred_until: Vec<i64>,
+    barred_until: Vec<f64>,
+    /// The earlier and the later end of the bars that swapping i and j would break, for i < j, at `i * n + j`.
+    earlier: Vec<f64>,
+    later: Vec<f64>,
+    /// Whether both matrices are, which saves half of the sums.
+    symmetric: bool,
+    sums: Vec<f64>,
+}
+
+struct Run<'a, R> {
+    search: Search<'a>,
+    swaps: usize,
+    rng: &'a mut R,
+}
+
+impl<R: Rng> WithSimd for Run<'_, R> {
+    type Output = Permutation;
+
+    /// What is inlined here is compiled for the vectors of the machine.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Permutation {
+        self.search.run(simd, self.swaps, self.rng)
+    }
 }
 
 impl<'a> Search<'a> {
     fn new(problem: &'a Qap, image: Vec<usize>) -> Self {
         let n = image.len();
         let mut search = Self {
-            a: problem.a(),
-            b: problem.b(),
+            problem,
+            a_rows: problem.a().transpose(),
             n,
             cost: problem.cost_of(&image),
             placed: vec![0.0; n * n],
+            placed_rows: vec![0.0; n * n],
             image,
             change: vec![0.0; n * n],
-            barred_until: (0..n * n).map(|k| -((n * (k / n) + k % n) as i64)).collect(),
+            barred_until: (0..n * n).map(|k| -((n * (k / n) + k % n) as f64)).collect(),
+            earlier: vec![0.0; n * n],
+            later: vec![0.0; n * n],
+            symmetric: *problem.a() == problem.a().transpose() && *problem.b() == problem.b().transpose(),
+            sums: vec![0.0; n],
         };
-        search.place();
-        for i in 0..n {
-            for j in i + 1..n {
-                search.change[i * n + j] = search.change_of(i, j);
+        for j in 0..n {
+            for i in 0..n {
+                let value = problem.b()[(search.image[i], search.image[j])];
+                search.placed[j * n + i] = value;
+                search.placed_rows[i * n + j] = value;
             }
+        }
+        for i in 0..n {
+            search.count_changes(i);
+            search.renew_bars(i);
         }
         search
     }
 
-    fn place(&mut self) {
-        for j in 0..self.n {
-            for i in 0..self.n {
-                self.placed[j * self.n + i] = self.b[(self.image[i], self.image[j])];
-            }
-        }
-    }
-
-    fn run(mut self, swaps: usize, rng: &mut impl Rng) -> Permutation {
+    #[inline(always)]
+    fn run<S: Simd>(mut self, simd: S, swaps: usize, rng: &mut impl Rng) -> Permutation {
         let n = self.n;
         let mut best = Permutation { image: self.image.clone(), cost: self.cost };
-        let aspiration = 5 * (n * n) as i64;
-        for now in 1..=swaps as i64 {
-            let Some((r, s)) = self.choose(now, aspiration, best.cost) else { continue };
+        let aspiration = (5 * n * n) as f64;
+        for now in 1..=swaps {
+            let now = now as f64;
+            let Some((r, s)) = self.choose(simd, now, aspiration, best.cost) else { continue };
             let mut tenure = || {
                 let x: f64 = rng.random();
-                (x * x * x * 8.0 * n as f64) as i64
+                (x * x * x * 8.0 * n as f64).floor()
             };
             self.barred_until[r * n + self.image[r]] = now + tenure();
             self.barred_until[s * n + self.image[s]] = now + tenure();
@@ -112,76 +142,149 @@ impl<'a> Search<'a> {
     }
 
     /// The best swap that is allowed: not barred, or a new best, or not made for long.
-    fn choose(&self, now: i64, aspiration: i64, best: f64) -> Option<(usize, usize)> {
+    #[inline(always)]
+    fn choose<S: Simd>(&self, simd: S, now: f64, aspiration: f64, best: f64) -> Option<(usize, usize)> {
         let n = self.n;
-        let (mut chosen, mut least, mut aspired) = (None, f64::INFINITY, false);
+        let (gain, old) = (best - self.cost, now - aspiration);
+        // Least change of all allowed swaps and of those that aspire, with the row of each.
+        let (mut allowed, mut aspired) = ((f64::INFINITY, n), (f64::INFINITY, n));
         for i in 0..n {
-            for j in i + 1..n {
-                let (to_j, to_i) =
-                    (self.barred_until[i * n + self.image[j]], self.barred_until[j * n + self.image[i]]);
-                let change = self.change[i * n + j];
-                let aspires =
-                    (to_j < now - aspiration && to_i < now - aspiration) || self.cost + change < best;
-                let free = to_j < now || to_i < now;
-                let better = (aspires && !aspired) || (aspires == aspired && change < least);
-                if better && (aspires || free) {
-                    (chosen, least, aspired) = (Some((i, j)), change, aspires);
-                }
+            let run = i * n + i + 1..(i + 1) * n;
+            let row = [&self.change[run.clone()], &self.earlier[run.clone()], &self.later[run]];
+            let (free, eager) = least_of_row(simd, row, [now, old, gain]);
+            if free < allowed.0 {
+                allowed = (free, i);
+            }
+            if eager < aspired.0 {
+                aspired = (eager, i);
             }
         }
-        chosen
+        let eager = aspired.0 < f64::INFINITY;
+        let (least, i) = if eager { aspired } else { allowed };
+        (i + 1..n)
+            .find(|&j| {
+                let k = i * n + j;
+                let change = self.change[k];
+                let may = if eager { self.later[k] < old || change < gain } else { self.earlier[k] < now };
+                may && change == least
+            })
+            .map(|j| (i, j))
     }
 
+    #[inline(always)]
     fn swap(&mut self, r: usize, s: usize) {
         let n = self.n;
         self.cost += self.change[r * n + s];
         self.image.swap(r, s);
-        for k in 0..n {
-            self.placed.swap(k * n + r, k * n + s);
+        for matrix in [&mut self.placed, &mut self.placed_rows] {
+            for k in 0..n {
+                matrix.swap(k * n + r, k * n + s);
+            }
+            let (head, tail) = matrix.split_at_mut(r.max(s) * n);
+            head[r.min(s) * n..][..n].swap_with_slice(&mut tail[..n]);
         }
-        for k in 0..n {
-            self.placed.swap(r * n + k, s * n + k);
+        self.shift_changes(r, s);
+        for k in [r, s] {
+            self.count_changes(k);
+            self.renew_bars(k);
         }
+    }
+
+    /// Corrects the changes of all swaps that touch neither r nor s, which have just swapped.
+    #[inline(always)]
+    fn shift_changes(&mut self, r: usize, s: usize) {
+        let n = self.n;
         // Differences of the swapped two against every other, once instead of once a pair.
-        let (mut a_to, mut a_from, mut b_to, mut b_from) =
-            (vec![0.0; n], vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        for k in 0..n {
-            a_to[k] = self.a[(r, k)] - self.a[(s, k)];
-            a_from[k] = self.a[(k, r)] - self.a[(k, s)];
-            b_to[k] = self.placed[k * n + s] - self.placed[k * n + r];
-            b_from[k] = self.placed[s * n + k] - self.placed[r * n + k];
-        }
+        let minus = |m: &[f64], p: usize, q: usize| -> Vec<f64> {
+            m[p * n..][..n].iter().zip(&m[q * n..][..n]).map(|(p, q)| p - q).collect()
+        };
+        let (a, a_rows) = (self.problem.a().as_slice(), self.a_rows.as_slice());
+        let (a_to, a_from) = (minus(a_rows, r, s), minus(a, r, s));
+        let (b_to, b_from) = (minus(&self.placed_rows, s, r), minus(&self.placed, s, r));
         for i in 0..n {
-            if i == r || i == s {
-                continue;
-            }
-            let row = &mut self.change[i * n..(i + 1) * n];
+            let row = &mut self.change[i * n + i + 1..(i + 1) * n];
             let (at, af, bt, bf) = (a_to[i], a_from[i], b_to[i], b_from[i]);
-            for j in i + 1..n {
-                row[j] += (at - a_to[j]) * (bt - b_to[j]) + (af - a_from[j]) * (bf - b_from[j]);
-            }
-        }
-        for k in 0..n {
-            for pivot in [r, s] {
-                let (i, j) = (k.min(pivot), k.max(pivot));
-                if i != j {
-                    self.change[i * n + j] = self.change_of(i, j);
-                }
+            let (tos, froms) = (&a_to[i + 1..], &a_from[i + 1..]);
+            let (b_tos, b_froms) = (&b_to[i + 1..], &b_from[i + 1..]);
+            for ((((change, to), from), b_to), b_from) in
+                row.iter_mut().zip(tos).zip(froms).zip(b_tos).zip(b_froms)
+            {
+                *change += (at - to) * (bt - b_to) + (af - from) * (bf - b_from);
             }
         }
     }
 
-    fn change_of(&self, i: usize, j: usize) -> f64 {
-        let b = |x: usize, y: usize| self.placed[y * self.n + x];
-        let a = self.a;
-        let mut sum =
-            (a[(i, i)] - a[(j, j)]) * (b(j, j) - b(i, i)) + (a[(i, j)] - a[(j, i)]) * (b(j, i) - b(i, j));
-        for k in 0..self.n {
-            if k != i && k != j {
-                sum += (a[(k, i)] - a[(k, j)]) * (b(k, j) - b(k, i))
-                    + (a[(i, k)] - a[(j, k)]) * (b(j, k) - b(i, k));
+    /// Counts the changes of all swaps with `i` afresh.
+    #[inline(always)]
+    fn count_changes(&mut self, i: usize) {
+        let n = self.n;
+        let (a, a_rows) = (self.problem.a().as_slice(), self.a_rows.as_slice());
+        let (b, b_rows) = (self.placed.as_slice(), self.placed_rows.as_slice());
+        let sums = &mut self.sums;
+        sums.fill(0.0);
+        for k in (0..n).filter(|&k| k != i) {
+            add_products(sums, [&a_rows[k * n..][..n], &b_rows[k * n..][..n]], i);
+            if !self.symmetric {
+                add_products(sums, [&a[k * n..][..n], &b[k * n..][..n]], i);
             }
         }
-        sum
+        let factor = if self.symmetric { 2.0 } else { 1.0 };
+        let a = |x: usize, y: usize| a[y * n + x];
+        let b = |x: usize, y: usize| b[y * n + x];
+        for j in (0..n).filter(|&j| j != i) {
+            // The sums run over all k but i; j changes its place itself.
+            let own = (a(j, i) - a(j, j)) * (b(j, j) - b(j, i)) + (a(i, j) - a(j, j)) * (b(j, j) - b(i, j));
+            let crossed =
+                (a(i, i) - a(j, j)) * (b(j, j) - b(i, i)) + (a(i, j) - a(j, i)) * (b(j, i) - b(i, j));
+            self.change[i.min(j) * n + i.max(j)] = factor * sums[j] - own + crossed;
+        }
+    }
+
+    /// Brings the bars of all swaps with `i` up to date.
+    fn renew_bars(&mut self, i: usize) {
+        let n = self.n;
+        for j in (0..n).filter(|&j| j != i) {
+            let to_j = self.barred_until[i * n + self.image[j]];
+            let to_i = self.barred_until[j * n + self.image[i]];
+            let k = i.min(j) * n + i.max(j);
+            self.earlier[k] = to_j.min(to_i);
+            self.later[k] = to_j.max(to_i);
+        }
+    }
+}
+
+/// Least change of the swaps of a row that are free, and of those that aspire.
+///
+/// * `row` – the change of each swap, and the earlier and the later end of its bars.
+#[inline(always)]
+fn least_of_row<S: Simd>(simd: S, row: [&[f64]; 3], [now, old, gain]: [f64; 3]) -> (f64, f64) {
+    let [(changes, change_tail), (earliers, earlier_tail), (laters, later_tail)] = row.map(S::as_simd_f64s);
+    let never = simd.splat_f64s(f64::INFINITY);
+    let [nows, olds, gains] = [now, old, gain].map(|x| simd.splat_f64s(x));
+    let (mut free, mut eager) = (never, never);
+    for ((&change, &earlier), &later) in changes.iter().zip(earliers).zip(laters) {
+        let may = simd.less_than_f64s(earlier, nows);
+        free = simd.min_f64s(free, simd.select_f64s(may, change, never));
+        let aspires = simd.or_m64s(simd.less_than_f64s(later, olds), simd.less_than_f64s(change, gains));
+        eager = simd.min_f64s(eager, simd.select_f64s(aspires, change, never));
+    }
+    let (mut free, mut eager) = (simd.reduce_min_f64s(free), simd.reduce_min_f64s(eager));
+    for ((&change, &earlier), &later) in change_tail.iter().zip(earlier_tail).zip(later_tail) {
+        if earlier < now {
+            free = free.min(change);
+        }
+        if later < old || change < gain {
+            eager = eager.min(change);
+        }
+    }
+    (free, eager)
+}
+
+/// Adds `(a[i] − a[j]) (b[j] − b[i])` to every sum `j`.
+#[inline(always)]
+fn add_products(sums: &mut [f64], [a, b]: [&[f64]; 2], i: usize) {
+    let (x, y) = (a[i], b[i]);
+    for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+        *sum += (x - a) * (b - y);
     }
 }

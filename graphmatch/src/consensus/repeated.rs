@@ -1,0 +1,72 @@
+use nalgebra::Isometry2;
+
+use super::ConsensusParams;
+use super::alike::Alike;
+use super::evidence::{middle, refine};
+use super::hypotheses::{Ray, hypotheses};
+use super::modes::same_mode;
+use super::problem::Problem;
+use crate::Object;
+
+/// Objects tried as pivots; each lies in a strong self-match with a probability above its share.
+const PIVOTS: usize = 6;
+/// Turns and shifts of the map onto itself that are looked at.
+const SELF_MATCHES: usize = 40;
+/// Share of the objects in the common area that must fall together, and of all objects.
+const SHARE_INSIDE: f64 = 0.6;
+const SHARE_OF_ALL: f64 = 0.4;
+/// Fewest pairs of a self-match at places of their own; small maps have up to four by chance.
+const FEWEST: usize = 5;
+
+/// Which objects a shift or turn of the map brings onto other objects together with many more. Rows of pilings match
+/// their neighbours as well as themselves, so a match of many of them is no evidence for one shift against the next.
+///
+/// * `rays` – the map's; `alike` – which of its objects may be taken for each other.
+pub(super) fn repeated(
+    map: &[Object],
+    rays: &[Vec<Ray>],
+    alike: &Alike,
+    params: &ConsensusParams,
+) -> Vec<bool> {
+    let problem = Problem::new(map, map, alike, params);
+    let centre = middle(&problem.p1);
+    let mut central: Vec<usize> = (0..map.len()).collect();
+    central.sort_by(|&i, &j| {
+        let distance = |k: usize| (problem.p1[k] - centre).norm_squared();
+        distance(i).total_cmp(&distance(j))
+    });
+    let pivots = central.into_iter().take(PIVOTS);
+    let mut repeated = vec![false; map.len()];
+    let identity = Isometry2::identity();
+    let moving = hypotheses(&problem, rays, rays, pivots).into_iter().filter(|h| h.pivot.0 != h.pivot.1);
+    for hypothesis in moving.take(SELF_MATCHES) {
+        let Some(found) = refine(&problem, &hypothesis.map1_from_map2) else { continue };
+        if same_mode(params, &centre, &found.map1_from_map2, &identity) {
+            continue;
+        }
+        let pairs = found.pairs.len() as f64;
+        let strong = separate(&problem, &found.pairs) >= FEWEST
+            && pairs >= SHARE_OF_ALL * map.len() as f64
+            && pairs >= SHARE_INSIDE * found.inside;
+        if strong {
+            for &(i, a) in &found.pairs {
+                repeated[i] = true;
+                repeated[a] = true;
+            }
+        }
+    }
+    repeated
+}
+
+/// Pairs that are no mere neighbours of another one: things that stand closer together than the gate looks fall
+/// together in groups.
+fn separate(problem: &Problem, pairs: &[(usize, usize)]) -> usize {
+    let apart = 2.0 * problem.params.gate * problem.largest_sigma;
+    let mut kept: Vec<usize> = Vec::new();
+    for &(i, _) in pairs {
+        if kept.iter().all(|&k| (problem.p1[i] - problem.p1[k]).norm() > apart) {
+            kept.push(i);
+        }
+    }
+    kept.len()
+}
