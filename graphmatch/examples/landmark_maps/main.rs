@@ -82,14 +82,20 @@ fn number(row: &[String], column: usize) -> Result<f64> {
     Ok(row.get(column).context("short row")?.parse()?)
 }
 
+struct Sighting {
+    target: u32,
+    range: f64,
+    bearing: f64,
+}
+
 /// Every robot's own map of landmarks (numbers 6 to 20; 1 to 5 are robots).
 fn maps(folder: &Path) -> Result<BTreeMap<u32, LandmarkMap>> {
-    let mut sightings: BTreeMap<(u32, u32), Vec<(u32, f64, f64)>> = BTreeMap::new();
+    let mut sightings: BTreeMap<(u32, u32), Vec<Sighting>> = BTreeMap::new();
     for row in rows(&folder.join("observations.csv"))? {
         let (robot, keyframe, target) =
             (number(&row, 0)? as u32, number(&row, 1)? as u32, number(&row, 2)? as u32);
         if target >= 6 {
-            let sighting = (target, number(&row, 3)?, number(&row, 4)?);
+            let sighting = Sighting { target, range: number(&row, 3)?, bearing: number(&row, 4)? };
             sightings.entry((robot, keyframe)).or_default().push(sighting);
         }
     }
@@ -101,8 +107,8 @@ fn maps(folder: &Path) -> Result<BTreeMap<u32, LandmarkMap>> {
         let (before, last, slam) = filters.entry(robot).or_insert_with(|| (time, pose, Slam::new()));
         slam.predict(&(last.inverse() * pose), time - *before);
         (*before, *last) = (time, pose);
-        for &(target, range, bearing) in sightings.get(&(robot, keyframe)).into_iter().flatten() {
-            slam.observe(target, range, bearing);
+        for seen in sightings.get(&(robot, keyframe)).into_iter().flatten() {
+            slam.observe(seen.target, seen.range, seen.bearing);
         }
     }
     Ok(filters.into_iter().map(|(robot, (_, _, slam))| (robot, map_of(&slam))).collect())
