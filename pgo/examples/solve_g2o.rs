@@ -13,12 +13,11 @@ const USAGE: &str = "usage: solve_g2o [--init file|odometry|chordal] [--method g
 One JSON line a file: file nodes edges init method iterations initial_chi2 final_chi2 termination init_ms
 cpu_ms wall_ms, where chi2 = 1/2 sum e' W e with e the SE(d) log (under the kernel, if any). init_ms is the CPU
 time of the initialisation, cpu_ms that of the solver with ordering, without initialisation and file reading.
---write stores each solution as DIR/<file name>. Without --init the chordal start is taken where it is better than
-the file's by a factor of 10.";
+--write stores each solution as DIR/<file name>. Default: --init file --method lm. From any start the solver turns to
+the chordal one by itself when the first step shows that the start is bad; restarted tells so.";
 
 #[derive(Clone, Copy, PartialEq)]
 enum Init {
-    Auto,
     File,
     Odometry,
     Chordal,
@@ -56,7 +55,7 @@ fn main() -> ExitCode {
 
 fn parse(arguments: &[String]) -> Result<Options, String> {
     let mut options = Options {
-        init: Init::Auto,
+        init: Init::File,
         method: Method::default(),
         kernel: Kernel::None,
         write: None,
@@ -136,7 +135,7 @@ fn optimise<const N: usize, G: G2oPose<N> + ChordalPose<N>>(
     println!(
         "{{\"file\":{name:?},\"nodes\":{},\"edges\":{},\"init\":\"{init}\",\"method\":\"{:?}\",\
          \"iterations\":{},\"initial_chi2\":{},\"final_chi2\":{},\"termination\":\"{:?}\",\
-         \"init_ms\":{init_ms:.3},\"cpu_ms\":{cpu:.3},\"wall_ms\":{wall:.3}}}",
+         \"restarted\":{},\"init_ms\":{init_ms:.3},\"cpu_ms\":{cpu:.3},\"wall_ms\":{wall:.3}}}",
         graph.pose_count(),
         graph.factor_count(),
         params.method,
@@ -144,6 +143,7 @@ fn optimise<const N: usize, G: G2oPose<N> + ChordalPose<N>>(
         solution.initial_cost,
         solution.final_cost,
         solution.termination,
+        solution.restarted,
     );
     if let Some(folder) = &options.write {
         std::fs::create_dir_all(folder)?;
@@ -161,25 +161,10 @@ fn initialise<const N: usize, G: ChordalPose<N>>(
         Init::File => Ok("file"),
         Init::Odometry => draco_pgo::spanning_tree(graph).map(|()| "odometry"),
         Init::Chordal => chordal(graph).map(|()| "chordal"),
-        Init::Auto => {
-            let mut relaxed = graph.clone();
-            chordal(&mut relaxed)?;
-            if relaxed.cost() < 0.1 * graph.cost() {
-                *graph = relaxed;
-                Ok("chordal")
-            } else {
-                Ok("file")
-            }
-        }
     }
 }
 
-/// CPU time of this process so far; wall time where the system does not tell.
+/// CPU time of this process so far, all threads.
 fn cpu_ms() -> f64 {
-    use std::sync::OnceLock;
-    static START: OnceLock<Instant> = OnceLock::new();
-    let start = START.get_or_init(Instant::now);
-    let scheduler = std::fs::read_to_string("/proc/self/schedstat").ok();
-    let nanoseconds = scheduler.and_then(|s| s.split(' ').next()?.parse::<f64>().ok());
-    nanoseconds.map_or_else(|| start.elapsed().as_secs_f64() * 1e3, |ns| ns / 1e6)
+    cpu_time::ProcessTime::now().as_duration().as_secs_f64() * 1e3
 }

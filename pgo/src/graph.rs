@@ -148,7 +148,7 @@ impl<const N: usize, G: LieGroup<N>> PoseGraph<G, N> {
         Ok(self.push(Factor { measurement: Measurement::Custom(custom), information, kernel }))
     }
 
-    fn push(&mut self, factor: Factor<G, N>) -> FactorId {
+    pub(crate) fn push(&mut self, factor: Factor<G, N>) -> FactorId {
         self.factors.push(Some(factor));
         self.live_factors += 1;
         FactorId(self.factors.len() - 1)
@@ -162,6 +162,14 @@ impl<const N: usize, G: LieGroup<N>> PoseGraph<G, N> {
         let removed = self.factors.get_mut(id.0).and_then(Option::take);
         self.live_factors -= usize::from(removed.is_some());
         removed.ok_or(Error::UnknownFactor { factor: id })
+    }
+
+    /// Puts a factor that was taken out back in its place.
+    pub(crate) fn restore_factor(&mut self, id: FactorId, factor: Factor<G, N>) {
+        if let Some(place @ None) = self.factors.get_mut(id.0) {
+            *place = Some(factor);
+            self.live_factors += 1;
+        }
     }
 
     /// Takes a pose out of the graph together with every factor on it; returns those factors' ids.

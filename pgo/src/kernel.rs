@@ -71,6 +71,19 @@ impl Kernel {
         Weighed { rho, weight }
     }
 
+    /// The same kernel with its region of trust stretched by `factor` in residual norm.
+    pub fn widened(self, factor: f64) -> Self {
+        match self {
+            Kernel::None => Kernel::None,
+            Kernel::Huber(k) => Kernel::Huber(k * factor),
+            Kernel::Cauchy(k) => Kernel::Cauchy(k * factor),
+            Kernel::Tukey(k) => Kernel::Tukey(k * factor),
+            Kernel::GemanMcClure(k) => Kernel::GemanMcClure(k * factor),
+            Kernel::Welsch(k) => Kernel::Welsch(k * factor),
+            Kernel::Dcs(phi) => Kernel::Dcs(phi * factor * factor),
+        }
+    }
+
     /// Whether the parameter is a positive finite number.
     pub fn is_valid(self) -> bool {
         match self {
@@ -106,6 +119,17 @@ mod tests {
                 let h = 1e-6 * chi2;
                 let slope = (kernel.weigh(chi2 + h).rho - kernel.weigh(chi2 - h).rho) / (2.0 * h);
                 assert!((slope - kernel.weigh(chi2).weight).abs() < 1e-6, "{kernel:?} at {chi2}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_widened_kernel_is_the_kernel_of_a_smaller_residual() {
+        for kernel in KERNELS {
+            for chi2 in [0.1, 1.5, 7.0, 40.0] {
+                let (wide, plain) = (kernel.widened(3.0).weigh(9.0 * chi2), kernel.weigh(chi2));
+                assert!((wide.weight - plain.weight).abs() < 1e-14, "{kernel:?} at {chi2}");
+                assert!((wide.rho - 9.0 * plain.rho).abs() < 1e-12 * wide.rho, "{kernel:?} at {chi2}");
             }
         }
     }

@@ -11,7 +11,19 @@ pub(crate) struct Outcome {
     pub(crate) cost: f64,
     pub(crate) iterations: usize,
     pub(crate) termination: Termination,
+    /// Whether a better start than the given one was taken.
+    pub(crate) restarted: bool,
 }
+
+impl Outcome {
+    pub(crate) fn at_start(cost: f64) -> Self {
+        let termination = Termination::MaxIterations;
+        Self { initial: cost, cost, iterations: 0, termination, restarted: false }
+    }
+}
+
+/// A first step that realises less than this share of the predicted gain tells that the start is bad.
+const GOOD_START: f64 = 0.25;
 
 /// Smallest and largest damping of Levenberg-Marquardt, relative to the diagonal of the Hessian; below the
 /// smallest the step is undamped.
@@ -27,7 +39,11 @@ pub(crate) struct Optimizer<'a, G, const N: usize> {
     step: Vec<SVector<f64, N>>,
     damping: Vec<SVector<f64, N>>,
     trial: Vec<G>,
+    rescue: Option<Rescue<'a, G>>,
 }
+
+/// Finds other poses to start from.
+pub(crate) type Rescue<'a, G> = Box<dyn FnOnce() -> Option<Vec<G>> + 'a>;
 
 impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
     pub(crate) fn new(
@@ -36,7 +52,13 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
         params: &'a SolveParams,
     ) -> Self {
         let zero = vec![SVector::zeros(); problem.free()];
-        Self { problem, cholesky, params, step: zero.clone(), damping: zero, trial: Vec::new() }
+        Self { problem, cholesky, params, step: zero.clone(), damping: zero, trial: Vec::new(), rescue: None }
+    }
+
+    /// Has another start at hand, to be looked at when the first step goes wrong.
+    pub(crate) fn with_rescue(mut self, rescue: Rescue<'a, G>) -> Self {
+        self.rescue = Some(rescue);
+        self
     }
 
     /// Iterates from `poses`, which hold the best found in the end.
@@ -55,16 +77,19 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
     fn gauss_newton(&mut self, best: &mut [G]) -> Result<Outcome, usize> {
         let mut poses = best.to_vec();
         let mut cost = self.problem.linearise(&poses);
-        let mut outcome =
-            Outcome { initial: cost, cost, iterations: 0, termination: Termination::MaxIterations };
+        let mut outcome = Outcome::at_start(cost);
         let mut progress = Progress::default();
         while outcome.iterations < self.params.max_iterations {
             outcome.iterations += 1;
             let predicted = self.solve_step(0.0).map_err(|c| self.problem.slots[c] as usize)?;
             self.apply(&poses);
             std::mem::swap(&mut poses, &mut self.trial);
-            let next = self.problem.linearise(&poses);
-            let gain = cost - next;
+            let mut next = self.problem.linearise(&poses);
+            let mut gain = cost - next;
+            if let Some(better) = self.restart(&mut poses, self.quality(gain, predicted, cost), next) {
+                (next, gain) = (self.problem.linearise(&poses), cost - better);
+                outcome.restarted = true;
+            }
             cost = next;
             if cost <= outcome.cost {
                 outcome.cost = cost;
@@ -84,25 +109,30 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
 
     fn levenberg_marquardt(&mut self, poses: &mut [G]) -> Result<Outcome, usize> {
         let mut cost = self.problem.linearise(poses);
-        let mut outcome =
-            Outcome { initial: cost, cost, iterations: 0, termination: Termination::MaxIterations };
+        let mut outcome = Outcome::at_start(cost);
         let (mut lambda, mut growth) = (0.0, 4.0);
         let mut progress = Progress::default();
         while outcome.iterations < self.params.max_iterations {
             outcome.iterations += 1;
-            let (mut predicted, mut next) = (0.0, f64::INFINITY);
+            let (mut predicted, mut next, mut quality) = (0.0, f64::INFINITY, None);
             while lambda <= DAMPING.1 {
                 if let Ok(gain) = self.solve_step(lambda) {
                     predicted = gain;
                     self.apply(poses);
                     next = self.problem.cost(&self.trial);
                     let finished = predicted <= self.params.relative_tolerance * 1e-4 * cost;
+                    quality = quality.or(Some(self.quality(cost - next, predicted, cost)));
                     if cost - next >= ACCEPT * predicted || finished {
                         break;
                     }
                 }
                 lambda = f64::max(lambda * growth, 1e-6);
                 growth *= 2.0;
+            }
+            if let Some(better) = self.restart(poses, quality.unwrap_or(0.0), next.min(cost)) {
+                (cost, lambda, growth, outcome.restarted) = (better, 0.0, 4.0, true);
+                self.problem.linearise(poses);
+                continue;
             }
             let gain = cost - next;
             if gain.is_nan() || gain < 0.0 {
@@ -129,8 +159,7 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
 
     fn dogleg(&mut self, poses: &mut [G]) -> Result<Outcome, usize> {
         let mut cost = self.problem.linearise(poses);
-        let mut outcome =
-            Outcome { initial: cost, cost, iterations: 0, termination: Termination::MaxIterations };
+        let mut outcome = Outcome::at_start(cost);
         let mut radius = f64::INFINITY;
         let mut progress = Progress::default();
         let mut full = self.step.clone();
@@ -140,13 +169,14 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
             self.solve_step(0.0).map_err(|c| self.problem.slots[c] as usize)?;
             full.copy_from_slice(&self.step);
             self.cauchy_point(&mut steepest);
-            let (mut predicted, mut gain) = (0.0, f64::NAN);
+            let (mut predicted, mut gain, mut first_quality) = (0.0, f64::NAN, None);
             for _ in 0..60 {
                 let length = self.choose(&full, &steepest, radius);
                 predicted = self.predicted_gain();
                 self.apply(poses);
                 gain = cost - self.problem.cost(&self.trial);
                 let quality = gain / predicted;
+                first_quality = first_quality.or(Some(self.quality(gain, predicted, cost)));
                 if quality < 0.25 || quality.is_nan() {
                     radius = 0.25 * length;
                 } else if quality > 0.75 {
@@ -156,6 +186,12 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
                 if gain >= ACCEPT * predicted || exhausted {
                     break;
                 }
+            }
+            let reached = if gain > 0.0 { cost - gain } else { cost };
+            if let Some(better) = self.restart(poses, first_quality.unwrap_or(0.0), reached) {
+                (cost, radius, outcome.restarted) = (better, f64::INFINITY, true);
+                self.problem.linearise(poses);
+                continue;
             }
             if gain.is_nan() || gain < 0.0 {
                 let tiny = predicted <= self.params.relative_tolerance * cost;
@@ -173,6 +209,28 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
         }
         outcome.cost = cost;
         Ok(outcome)
+    }
+
+    /// Share of the predicted gain that a step realised; 1 where there is nothing to gain.
+    fn quality(&self, gain: f64, predicted: f64, cost: f64) -> f64 {
+        let enough = self.params.relative_tolerance * cost + self.params.absolute_tolerance;
+        if predicted <= enough { 1.0 } else { gain / predicted }
+    }
+
+    /// After the first step: when it went wrong and the other start costs less than what it `reached`, moves to
+    /// that start and returns its cost.
+    fn restart(&mut self, poses: &mut [G], quality: f64, reached: f64) -> Option<f64> {
+        let rescue = self.rescue.take()?;
+        if quality >= GOOD_START {
+            return None;
+        }
+        let other = rescue()?;
+        let cost = self.problem.cost(&other);
+        if cost < reached || !reached.is_finite() {
+            poses.copy_from_slice(&other);
+            return Some(cost);
+        }
+        None
     }
 
     /// The minimum of the model along the steepest descent in the metric of the Hessian's diagonal.

@@ -1,8 +1,9 @@
 use std::sync::Arc;
 
 use draco_lie::LieGroup;
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 
+use crate::linearise::{BetweenModel, between_model, prior_model, quadratic};
 use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
 use crate::{CustomFactor, Error, FactorId, Kernel, Key, Measurement, PoseGraph};
 
@@ -29,6 +30,14 @@ struct Between<G, const N: usize> {
     information: SMatrix<f64, N, N>,
 }
 
+impl<const N: usize, G: LieGroup<N>> Between<G, N> {
+    #[inline(always)]
+    fn model(&self, poses: &[G]) -> BetweenModel<N> {
+        let [a, b] = self.slots.map(|s| &poses[s as usize]);
+        between_model(&self.measured, &self.information, self.kernel, a, b)
+    }
+}
+
 #[derive(Debug, Clone)]
 struct Prior<G, const N: usize> {
     slot: u32,
@@ -44,6 +53,21 @@ struct Custom<G, const N: usize> {
     pairs: Vec<Pair>,
     kernel: Kernel,
     factor: Arc<dyn CustomFactor<G, N>>,
+    /// Memory for the poses, the residual, and the Jacobians by each pose, row-major.
+    at: Vec<G>,
+    residual: Vec<f64>,
+    jacobians: Vec<Vec<f64>>,
+}
+
+impl<const N: usize, G: LieGroup<N>> Custom<G, N> {
+    /// Evaluates the residual; returns its squared norm.
+    fn evaluate(&mut self, poses: &[G]) -> f64 {
+        self.at.clear();
+        self.at.extend(self.slots.iter().map(|s| poses[*s as usize]));
+        self.residual.fill(0.0);
+        self.factor.residual(&self.at, &mut self.residual);
+        self.residual.iter().map(|r| r * r).sum()
+    }
 }
 
 /// A graph laid out for optimisation: factors by kind in flat lists, free poses numbered as block columns, and
@@ -61,6 +85,9 @@ pub(crate) struct Problem<G, const N: usize> {
     betweens: Vec<Between<G, N>>,
     priors: Vec<Prior<G, N>>,
     customs: Vec<Custom<G, N>>,
+    /// Models of the relative poses, by factor.
+    #[cfg(feature = "rayon")]
+    models: Vec<BetweenModel<N>>,
 }
 
 impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
@@ -87,6 +114,8 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
             betweens: Vec::with_capacity(graph.factor_count()),
             priors: Vec::new(),
             customs: Vec::new(),
+            #[cfg(feature = "rayon")]
+            models: Vec::new(),
         };
         problem.take_factors(graph)?;
         problem.number_pairs();
@@ -120,7 +149,16 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
                         .map(|k| Ok(graph.slot(*k)? as u32))
                         .collect::<Result<Vec<u32>, Error>>()?;
                     let pairs = vec![unset; slots.len() * (slots.len() - 1) / 2];
-                    self.customs.push(Custom { slots, pairs, kernel, factor: custom.clone() });
+                    let (m, k) = (custom.dimension(), slots.len());
+                    self.customs.push(Custom {
+                        slots,
+                        pairs,
+                        kernel,
+                        factor: custom.clone(),
+                        at: Vec::with_capacity(k),
+                        residual: vec![0.0; m],
+                        jacobians: vec![vec![0.0; m * N]; k],
+                    });
                 }
             }
         }
@@ -188,7 +226,7 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
     }
 
     /// The cost `½ Σ ρ` at `poses` (by slot).
-    pub(crate) fn cost(&self, poses: &[G]) -> f64 {
+    pub(crate) fn cost(&mut self, poses: &[G]) -> f64 {
         let mut sum = 0.0;
         for f in &self.betweens {
             let e = between_residual(f, poses);
@@ -198,11 +236,9 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
             let e = f.measured.between(&poses[f.slot as usize]).log();
             sum += f.kernel.weigh(quadratic(&f.information, &e)).rho;
         }
-        for f in &self.customs {
-            let at: Vec<G> = f.slots.iter().map(|s| poses[*s as usize]).collect();
-            let mut residual = DVector::zeros(f.factor.dimension());
-            f.factor.residual(&at, residual.as_mut_slice());
-            sum += f.kernel.weigh(residual.norm_squared()).rho;
+        for f in &mut self.customs {
+            let chi2 = f.evaluate(poses);
+            sum += f.kernel.weigh(chi2).rho;
         }
         0.5 * sum
     }
@@ -215,19 +251,26 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
         self.gradient.fill(SVector::zeros());
         let Self { columns, hessian, gradient, betweens, priors, customs, .. } = self;
         let mut sum = 0.0;
-        for f in betweens {
-            sum += linearise_between(f, poses, columns, hessian, gradient);
+        #[cfg(not(feature = "rayon"))]
+        for f in betweens.iter() {
+            sum += add_between(f, &f.model(poses), columns, hessian, gradient);
+        }
+        // models on all threads, sums in the order of the factors: the same bits
+        #[cfg(feature = "rayon")]
+        {
+            use rayon::prelude::*;
+            betweens.par_iter().with_min_len(256).map(|f| f.model(poses)).collect_into_vec(&mut self.models);
+            for (f, model) in betweens.iter().zip(&self.models) {
+                sum += add_between(f, model, columns, hessian, gradient);
+            }
         }
         for f in priors {
-            let e = f.measured.between(&poses[f.slot as usize]).log();
-            let weighed = f.kernel.weigh(quadratic(&f.information, &e));
-            sum += weighed.rho;
+            let model = prior_model(&f.measured, &f.information, f.kernel, &poses[f.slot as usize]);
+            sum += model.rho;
             let column = columns[f.slot as usize];
             if column != HELD {
-                let j = G::right_jacobian_inverse(&e);
-                let jw = j.transpose() * f.information * weighed.weight;
-                hessian.diagonal[column as usize] += jw * j;
-                gradient[column as usize] += jw * e;
+                hessian.diagonal[column as usize] += model.hessian;
+                gradient[column as usize] += model.gradient;
             }
         }
         for f in customs {
@@ -237,85 +280,82 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
     }
 }
 
-fn quadratic<const N: usize>(information: &SMatrix<f64, N, N>, e: &SVector<f64, N>) -> f64 {
-    e.dot(&(information * e))
-}
-
 fn between_residual<const N: usize, G: LieGroup<N>>(f: &Between<G, N>, poses: &[G]) -> SVector<f64, N> {
     let [a, b] = f.slots.map(|s| &poses[s as usize]);
     f.measured.between(&a.between(b)).log()
 }
 
-/// Adds one relative pose. With `e = log(z⁻¹ a⁻¹ b)` the Jacobian by `b` is `J = J_r⁻¹(e)` and by `a` it is
-/// `-J Ad(b⁻¹ a)`, so with `A = Ad(b⁻¹ a)` all blocks follow from `H = Jᵀ Ω J`: `-Aᵀ H` and `Aᵀ H A`.
-fn linearise_between<const N: usize, G: LieGroup<N>>(
+/// Adds one relative pose.
+#[inline(always)]
+fn add_between<const N: usize, G: LieGroup<N>>(
     f: &Between<G, N>,
-    poses: &[G],
+    model: &BetweenModel<N>,
     columns: &[u32],
     hessian: &mut BlockMatrix<N>,
     gradient: &mut [SVector<f64, N>],
 ) -> f64 {
-    let [a, b] = f.slots.map(|s| &poses[s as usize]);
-    let b_from_a = b.between(a);
-    let e = f.measured.between(&b_from_a.inverse()).log();
-    let weighed = f.kernel.weigh(quadratic(&f.information, &e));
-    let j = G::right_jacobian_inverse(&e);
-    let jw = j.tr_mul(&f.information) * (weighed.weight * f.scale);
-    let (h, g) = (jw * j, jw * e);
     let [column_a, column_b] = f.slots.map(|s| columns[s as usize]);
     if column_b != HELD {
-        hessian.diagonal[column_b as usize] += h;
-        gradient[column_b as usize] += g;
+        hessian.diagonal[column_b as usize] += model.bb * f.scale;
+        gradient[column_b as usize] += model.gradient_b * f.scale;
     }
     if column_a != HELD {
-        let adjoint = b_from_a.adjoint();
-        let ah = adjoint.tr_mul(&h);
-        hessian.diagonal[column_a as usize] += ah * adjoint;
-        gradient[column_a as usize] -= adjoint.tr_mul(&g);
+        hessian.diagonal[column_a as usize] += model.aa * f.scale;
+        gradient[column_a as usize] += model.gradient_a * f.scale;
         if column_b != HELD {
             let target = &mut hessian.off_diagonal[f.pair.index as usize];
             if f.pair.transpose {
-                *target -= ah.transpose();
+                *target += model.ab.transpose() * f.scale;
             } else {
-                *target -= ah;
+                *target += model.ab * f.scale;
             }
         }
     }
-    f.scale * weighed.rho
+    f.scale * model.rho
 }
 
 fn linearise_custom<const N: usize, G: LieGroup<N>>(
-    f: &Custom<G, N>,
+    f: &mut Custom<G, N>,
     poses: &[G],
     columns: &[u32],
     hessian: &mut BlockMatrix<N>,
     gradient: &mut [SVector<f64, N>],
 ) -> f64 {
-    let at: Vec<G> = f.slots.iter().map(|s| poses[*s as usize]).collect();
-    let m = f.factor.dimension();
-    let mut residual = DVector::zeros(m);
-    f.factor.residual(&at, residual.as_mut_slice());
-    let weighed = f.kernel.weigh(residual.norm_squared());
-    let mut buffer = vec![0.0; m * N];
-    let jacobians: Vec<DMatrix<f64>> = (0..at.len())
-        .map(|which| {
-            buffer.fill(0.0);
-            f.factor.jacobian(&at, which, &mut buffer);
-            DMatrix::from_row_slice(m, N, &buffer)
-        })
-        .collect();
-    let mut pairs = f.pairs.iter();
+    let weighed = f.kernel.weigh(f.evaluate(poses));
+    let Custom { slots, pairs, factor, at, residual, jacobians, .. } = f;
+    for (which, jacobian) in jacobians.iter_mut().enumerate() {
+        jacobian.fill(0.0);
+        factor.jacobian(at, which, jacobian);
+    }
+    let mut pairs = pairs.iter();
     for (i, ji) in jacobians.iter().enumerate() {
-        let column = columns[f.slots[i] as usize];
+        let column = columns[slots[i] as usize];
         if column != HELD {
-            hessian.diagonal[column as usize] += ji.tr_mul(ji) * weighed.weight;
-            gradient[column as usize] += ji.tr_mul(&residual) * weighed.weight;
+            hessian.diagonal[column as usize] += product(ji, ji) * weighed.weight;
+            for (row, r) in ji.chunks_exact(N).zip(residual.iter()) {
+                for (g, d) in gradient[column as usize].iter_mut().zip(row) {
+                    *g += d * r * weighed.weight;
+                }
+            }
         }
         for jj in &jacobians[i + 1..] {
             let Some(pair) = pairs.next().filter(|pair| pair.index != HELD) else { continue };
-            let block = if pair.transpose { jj.tr_mul(ji) } else { ji.tr_mul(jj) };
+            let block = if pair.transpose { product(jj, ji) } else { product(ji, jj) };
             hessian.off_diagonal[pair.index as usize] += block * weighed.weight;
         }
     }
     weighed.rho
+}
+
+/// `AᵀB` of row-major matrices with `N` columns.
+fn product<const N: usize>(a: &[f64], b: &[f64]) -> SMatrix<f64, N, N> {
+    let mut sum = SMatrix::zeros();
+    for (left, right) in a.chunks_exact(N).zip(b.chunks_exact(N)) {
+        for (j, y) in right.iter().enumerate() {
+            for (i, x) in left.iter().enumerate() {
+                sum[(i, j)] += x * y;
+            }
+        }
+    }
+    sum
 }

@@ -1,7 +1,11 @@
+use std::any::Any;
+
+use draco_lie::LieGroup;
+use nalgebra::{Isometry2, Isometry3};
+
 use crate::optimizer::{Optimizer, Outcome};
 use crate::problem::Problem;
-use crate::{Error, Key, PoseGraph};
-use draco_lie::LieGroup;
+use crate::{ChordalPose, Error, Key, PoseGraph, chordal};
 
 /// How steps are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -29,11 +33,26 @@ pub enum Gauge {
     Require,
 }
 
+/// Where to start from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum Start {
+    /// The present poses of the graph; when the first step from there realises less than a quarter of what it
+    /// promises, and the chordal relaxation costs less than where that step leads, the relaxation instead. Costs
+    /// nothing when the start is good. Rotations alone (graphs over SO(2) and SO(3)) start as given.
+    #[default]
+    Auto,
+    /// The present poses of the graph, whatever they are.
+    Given,
+}
+
 /// Parameters of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolveParams {
     /// How steps are computed. Default: Levenberg-Marquardt.
     pub method: Method,
+    /// Where to start from. Default: the present poses, or the chordal relaxation when they are bad.
+    pub start: Start,
     /// What to do about parts without an anchor. Default: hold their first pose.
     pub gauge: Gauge,
     /// Largest number of linearisations. Default 100.
@@ -49,6 +68,7 @@ impl Default for SolveParams {
     fn default() -> Self {
         Self {
             method: Method::default(),
+            start: Start::default(),
             gauge: Gauge::default(),
             max_iterations: 100,
             relative_tolerance: 1e-8,
@@ -89,6 +109,8 @@ pub struct Solution<G> {
     pub iterations: usize,
     /// Why it ended.
     pub termination: Termination,
+    /// Whether the poses given were so bad a start that the chordal relaxation was taken ([`Start::Auto`]).
+    pub restarted: bool,
 }
 
 impl<G> Solution<G> {
@@ -109,6 +131,7 @@ impl<G> Solution<G> {
             final_cost: outcome.cost,
             iterations: outcome.iterations,
             termination: outcome.termination,
+            restarted: outcome.restarted,
         }
     }
 
@@ -162,14 +185,32 @@ pub fn solve<const N: usize, G: LieGroup<N>>(
     let mut poses = graph.poses.clone();
     let outcome = if problem.free() == 0 {
         let cost = problem.cost(&poses);
-        Outcome { initial: cost, cost, iterations: 0, termination: Termination::Converged }
+        Outcome { termination: Termination::Converged, ..Outcome::at_start(cost) }
     } else {
         let mut cholesky = problem.cholesky();
-        Optimizer::new(&mut problem, &mut cholesky, params)
-            .run(&mut poses)
-            .map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?
+        let mut optimizer = Optimizer::new(&mut problem, &mut cholesky, params);
+        if params.start == Start::Auto {
+            optimizer = optimizer.with_rescue(Box::new(|| relaxed(graph, &held)));
+        }
+        optimizer.run(&mut poses).map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?
     };
     Ok(Solution::new(graph, &poses, held, outcome))
+}
+
+/// The poses of the chordal relaxation, where there is one for the group. Held poses stay.
+fn relaxed<const N: usize, G: LieGroup<N>>(graph: &PoseGraph<G, N>, held: &[Key]) -> Option<Vec<G>> {
+    fn relax<const M: usize, H: ChordalPose<M>, const N: usize, G: LieGroup<N>>(
+        graph: &PoseGraph<G, N>,
+        held: &[Key],
+    ) -> Option<Vec<G>> {
+        let graph: &dyn Any = graph;
+        let mut graph: PoseGraph<H, M> = graph.downcast_ref::<PoseGraph<H, M>>()?.clone();
+        held.iter().try_for_each(|key| graph.set_fixed(*key, true)).ok()?;
+        chordal(&mut graph).ok()?;
+        let poses: Box<dyn Any> = Box::new(graph.poses);
+        poses.downcast::<Vec<G>>().ok().map(|poses| *poses)
+    }
+    relax::<3, Isometry2<f64>, N, G>(graph, held).or_else(|| relax::<6, Isometry3<f64>, N, G>(graph, held))
 }
 
 fn check(params: &SolveParams) -> Result<(), Error> {

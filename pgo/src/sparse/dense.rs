@@ -99,3 +99,19 @@ fn update_columns<const N: usize>(panel: &mut [f64], height: usize, first: usize
         row += TILE;
     }
 }
+
+/// A dot product in four interleaved sums, which vectors of any width up to four add in the same order.
+#[inline(always)]
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sum = [0.0; 4];
+    let (mut left, mut right) = (a.chunks_exact(4), b.chunks_exact(4));
+    for (x, y) in (&mut left).zip(&mut right) {
+        for i in 0..4 {
+            sum[i] += x[i] * y[i];
+        }
+    }
+    for (i, (x, y)) in left.remainder().iter().zip(right.remainder()).enumerate() {
+        sum[i] += x * y;
+    }
+    (sum[0] + sum[2]) + (sum[1] + sum[3])
+}

@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use nalgebra::{SMatrix, SVector};
 
-use super::dense::{TILE, factor_panel, tile};
+use super::dense::{TILE, dot, factor_panel, tile};
 use super::symbolic::{Run, Symbolic};
 
 /// A symmetric matrix of `N × N` blocks in the pattern of a [`Symbolic`]: all diagonal blocks, and the
@@ -43,10 +43,12 @@ pub(crate) struct Cholesky<const N: usize> {
     symbolic: Arc<Symbolic>,
     diagonal_places: Vec<Place>,
     off_diagonal_places: Vec<Place>,
-    /// All panels, and [`TILE`] values to spare.
+    /// All panels, each with [`SPARE`] values behind it.
     values: Vec<f64>,
     /// For the run at hand: offset of each scalar row within a column of the target.
     row_offsets: Vec<u32>,
+    #[cfg(feature = "rayon")]
+    tree: super::parallel::Tree,
     work: Vec<f64>,
     arch: pulp::Arch,
 }
@@ -59,7 +61,7 @@ impl<const N: usize> Cholesky<N> {
             let (s, at, within) = symbolic.locate(row.max(column), row.min(column));
             let height = symbolic.rows(s).len() * N;
             Place {
-                offset: symbolic.panel_start[s] * N * N + within * N * height + at * N,
+                offset: panel_begin::<N>(&symbolic, s) + within * N * height + at * N,
                 height: height as u32,
                 transpose: row < column,
             }
@@ -70,8 +72,10 @@ impl<const N: usize> Cholesky<N> {
         Self {
             diagonal_places,
             off_diagonal_places,
-            values: vec![0.0; symbolic.panel_blocks() * N * N + 2 * TILE],
+            values: vec![0.0; symbolic.panel_blocks() * N * N + symbolic.supernodes() * SPARE],
             row_offsets: vec![0; tallest * N],
+            #[cfg(feature = "rayon")]
+            tree: super::parallel::Tree::new(&symbolic, N),
             work: vec![0.0; (symbolic.columns() + tallest) * N],
             arch: pulp::Arch::new(),
             symbolic,
@@ -84,7 +88,8 @@ impl<const N: usize> Cholesky<N> {
 
     /// The panel of supernode `s`, column-major.
     pub(crate) fn panel(&self, s: usize) -> &[f64] {
-        &self.values[self.symbolic.panel_start[s] * N * N..self.symbolic.panel_start[s + 1] * N * N]
+        let begin = panel_begin::<N>(&self.symbolic, s);
+        &self.values[begin..begin + self.symbolic.rows(s).len() * self.symbolic.width(s) * N * N]
     }
 
     /// Factors `matrix + diag(damping)`; `damping` is in the order of the columns before ordering.
@@ -97,6 +102,12 @@ impl<const N: usize> Cholesky<N> {
         damping: Option<&[SVector<f64, N>]>,
     ) -> Result<(), usize> {
         let arch = self.arch;
+        #[cfg(feature = "rayon")]
+        if self.tree.is_worth_it() {
+            self.scatter(matrix, damping);
+            let Self { symbolic, values, tree, .. } = self;
+            return tree.factor::<N>(symbolic, values, arch).map_err(|c| symbolic.order[c] as usize);
+        }
         arch.dispatch(Refactor { cholesky: self, matrix, damping })
     }
 
@@ -107,14 +118,15 @@ impl<const N: usize> Cholesky<N> {
         damping: Option<&[SVector<f64, N>]>,
     ) -> Result<(), usize> {
         self.scatter(matrix, damping);
-        for s in 0..self.symbolic.supernodes() {
-            let begin = self.symbolic.panel_start[s] * N * N;
-            let (height, width) = (self.symbolic.rows(s).len() * N, self.symbolic.width(s) * N);
-            factor_panel::<N>(&mut self.values[begin..], height, width).map_err(|column| {
-                self.symbolic.order[self.symbolic.start[s] as usize + column / N] as usize
-            })?;
-            for run in self.symbolic.run_start[s]..self.symbolic.run_start[s + 1] {
-                self.update(s, run);
+        let Self { symbolic, values, row_offsets, .. } = self;
+        for s in 0..symbolic.supernodes() {
+            let begin = panel_begin::<N>(symbolic, s);
+            let (height, width) = (symbolic.rows(s).len() * N, symbolic.width(s) * N);
+            factor_panel::<N>(&mut values[begin..], height, width)
+                .map_err(|column| symbolic.order[symbolic.start[s] as usize + column / N] as usize)?;
+            for run in symbolic.runs(s) {
+                let (sources, targets) = values.split_at_mut(panel_begin::<N>(symbolic, run.target as usize));
+                subtract::<N>(symbolic, s, *run, &sources[begin..], targets, row_offsets);
             }
         }
         Ok(())
@@ -143,43 +155,6 @@ impl<const N: usize> Cholesky<N> {
                     let value = if place.transpose { block[(c, r)] } else { block[(r, c)] };
                     self.values[place.offset + c * height + r] = value;
                 }
-            }
-        }
-    }
-
-    /// Subtracts from one target what one run of rows of supernode `s` contributes to it.
-    #[inline(always)]
-    fn update(&mut self, s: usize, run: usize) {
-        let Run { from, until, target, map } = self.symbolic.runs[run];
-        let (from, until) = (from as usize, until as usize);
-        let rows = self.symbolic.rows(s).len();
-        let (height, depth) = (rows * N, self.symbolic.width(s) * N);
-        let begin = self.symbolic.panel_start[s] * N * N;
-        let target = target as usize;
-        let target_begin = self.symbolic.panel_start[target] * N * N;
-        let target_height = self.symbolic.rows(target).len() * N;
-        let map = &self.symbolic.map[map..map + rows - from];
-        for (k, at) in map.iter().enumerate() {
-            for i in 0..N {
-                self.row_offsets[k * N + i] = at * N as u32 + i as u32;
-            }
-        }
-        for column in from..until {
-            // rows `from..until` map to the target's own columns, so a row's place is also its column
-            let target_column = map[column - from] as usize * N;
-            let mut row = column * N;
-            while row < height {
-                let sum = tile::<TILE, N>(&self.values[begin..], height, (row, column * N), depth);
-                let count = TILE.min(height - row);
-                let offsets = &self.row_offsets[row - from * N..][..count];
-                for (j, sums) in sum.iter().enumerate() {
-                    let at = target_begin + (target_column + j) * target_height;
-                    let column = &mut self.values[at..at + target_height];
-                    for (offset, x) in offsets.iter().zip(sums) {
-                        column[*offset as usize] -= x;
-                    }
-                }
-                row += TILE;
             }
         }
     }
@@ -220,12 +195,61 @@ impl<const N: usize> Cholesky<N> {
     }
 }
 
+/// Values behind each panel that the register tiles may read.
+const SPARE: usize = 2 * TILE;
+
+/// Where the panel of a supernode begins.
+pub(super) fn panel_begin<const N: usize>(symbolic: &Symbolic, s: usize) -> usize {
+    symbolic.panel_start[s] * N * N + s * SPARE
+}
+
+/// Subtracts from the panel of one target what one run of rows of supernode `s` contributes to it.
+///
+/// * `row_offsets` – memory, a value for each scalar row of the source.
+#[inline(always)]
+pub(super) fn subtract<const N: usize>(
+    symbolic: &Symbolic,
+    s: usize,
+    run: Run,
+    source: &[f64],
+    target: &mut [f64],
+    row_offsets: &mut [u32],
+) {
+    let (from, until) = (run.from as usize, run.until as usize);
+    let rows = symbolic.rows(s).len();
+    let (height, depth) = (rows * N, symbolic.width(s) * N);
+    let target_height = symbolic.rows(run.target as usize).len() * N;
+    let map = &symbolic.map[run.map..run.map + rows - from];
+    for (k, at) in map.iter().enumerate() {
+        for i in 0..N {
+            row_offsets[k * N + i] = at * N as u32 + i as u32;
+        }
+    }
+    for column in from..until {
+        // rows `from..until` map to the target's own columns, so a row's place is also its column
+        let target_column = map[column - from] as usize * N;
+        let mut row = column * N;
+        while row < height {
+            let sum = tile::<TILE, N>(source, height, (row, column * N), depth);
+            let count = TILE.min(height - row);
+            let offsets = &row_offsets[row - from * N..][..count];
+            for (j, sums) in sum.iter().enumerate() {
+                let column = &mut target[(target_column + j) * target_height..][..target_height];
+                for (offset, x) in offsets.iter().zip(sums) {
+                    column[*offset as usize] -= x;
+                }
+            }
+            row += TILE;
+        }
+    }
+}
+
 #[inline(always)]
 fn forward<const N: usize>(symbolic: &Symbolic, values: &[f64], s: usize, y: &mut [f64], below: &mut [f64]) {
     let rows = symbolic.rows(s);
     let (height, width) = (rows.len() * N, symbolic.width(s) * N);
     let first = symbolic.start[s] as usize * N;
-    let panel = &values[symbolic.panel_start[s] * N * N..];
+    let panel = &values[panel_begin::<N>(symbolic, s)..];
     let own = &mut y[first..first + width];
     let below = &mut below[..height - width];
     below.fill(0.0);
@@ -252,7 +276,7 @@ fn backward<const N: usize>(symbolic: &Symbolic, values: &[f64], s: usize, y: &m
     let rows = symbolic.rows(s);
     let (height, width) = (rows.len() * N, symbolic.width(s) * N);
     let first = symbolic.start[s] as usize * N;
-    let panel = &values[symbolic.panel_start[s] * N * N..];
+    let panel = &values[panel_begin::<N>(symbolic, s)..];
     let below = &mut below[..height - width];
     for (row, to) in rows[symbolic.width(s)..].iter().zip(below.chunks_exact_mut(N)) {
         to.copy_from_slice(&y[*row as usize * N..][..N]);
@@ -263,22 +287,6 @@ fn backward<const N: usize>(symbolic: &Symbolic, values: &[f64], s: usize, y: &m
         let known = dot(&column[c + 1..width], &own[c + 1..]) + dot(&column[width..], below);
         own[c] = (own[c] - known) / column[c];
     }
-}
-
-/// A dot product in four interleaved sums, which vectors of any width up to four add in the same order.
-#[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sum = [0.0; 4];
-    let (mut left, mut right) = (a.chunks_exact(4), b.chunks_exact(4));
-    for (x, y) in (&mut left).zip(&mut right) {
-        for i in 0..4 {
-            sum[i] += x[i] * y[i];
-        }
-    }
-    for (i, (x, y)) in left.remainder().iter().zip(right.remainder()).enumerate() {
-        sum[i] += x * y;
-    }
-    (sum[0] + sum[2]) + (sum[1] + sum[3])
 }
 
 struct Refactor<'a, const N: usize> {
@@ -378,5 +386,25 @@ mod tests {
         matrix.diagonal[2][(1, 1)] = -4.0;
         let mut cholesky = Cholesky::<3>::new(Arc::new(Symbolic::new(3, &pairs, 3)), &pairs);
         assert!(cholesky.factor(&matrix, None).is_err());
+    }
+
+    #[cfg(feature = "rayon")]
+    #[test]
+    fn threads_leave_the_same_bits() {
+        let side = 40u32;
+        let mut pairs = Vec::new();
+        for i in 0..side * side {
+            pairs.extend((i % side != 0).then(|| (i, i - 1)));
+            pairs.extend((i >= side).then(|| (i, i - side)));
+        }
+        let n = (side * side) as usize;
+        let matrix = random_spd::<6>(n, &pairs, 5);
+        let symbolic = Arc::new(Symbolic::new(n, &pairs, 6));
+        let mut parallel = Cholesky::<6>::new(symbolic, &pairs);
+        assert!(parallel.tree.is_worth_it());
+        let mut serial = parallel.clone();
+        parallel.factor(&matrix, None).unwrap();
+        serial.refactor(&matrix, None).unwrap();
+        assert!(parallel.values.iter().zip(&serial.values).all(|(a, b)| a.to_bits() == b.to_bits()));
     }
 }

@@ -1,9 +1,11 @@
 //! Sparse Cholesky factorisation of symmetric matrices of `N × N` blocks.
 
-mod dense;
+pub(crate) mod dense;
 mod factor;
 mod inverse;
 mod ordering;
+#[cfg(feature = "rayon")]
+mod parallel;
 mod symbolic;
 
 pub(crate) use factor::{BlockMatrix, Cholesky};
