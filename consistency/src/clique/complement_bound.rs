@@ -1,168 +1,218 @@
-use super::rows::{Set, and, and_not, drop, empty, first, has, is_empty, or, put};
+use super::rows::{Set, and, and_not, count, drop, empty, first, is_empty, put};
+use crate::graph::bits::iter;
 
-/// Upper bound of the number of independent vertices within `alive`: its vertices are covered by disjoint cliques (at
-/// most one each), short odd cycles (at most half their length, rounded down), edges and single vertices.
-pub(super) fn bound<const W: usize>(apart: &[Set<W>], alive: &Set<W>) -> isize {
-    let mut rest = *alive;
-    let mut total = cliques(apart, &mut rest);
-    for half in 2..=LONGEST_HALF {
-        total += odd_cycles(apart, &mut rest, half);
-    }
-    total + matching(apart, rest)
+/// Upper bound of the number of independent vertices: disjoint cliques hold one each, and fewer where they contradict
+/// each other.
+///
+/// A clique all of whose members fail is dropped from the count with the cliques that made them fail: if each held a
+/// vertex, so would this one. A member fails if, with it chosen, a chain of cliques that are left with one member
+/// ends at a clique without any; odd cycles are the smallest case.
+///
+/// **Source**: the rule of Li and Quan, *An efficient branch-and-bound algorithm based on MaxSAT for the maximum
+/// clique problem*, 2010, on the complement; here the chains run along edges of the sparse complement.
+#[derive(Default)]
+pub(super) struct ComplementBound {
+    /// Members of each clique, and the clique of each vertex while it counts.
+    members: Vec<Vec<u32>>,
+    clique_of: Vec<u32>,
+    /// Members left in each clique during a chain, and the cliques where that changed.
+    left: Vec<u32>,
+    touched: Vec<u32>,
+    /// Step that put a vertex out, while `out_in` is the current chain.
+    put_out_by: Vec<u32>,
+    out_in: Vec<u64>,
+    chain: u64,
+    /// Vertices chosen in the chain.
+    steps: Vec<u32>,
+    /// Cliques of the core, and those whose reasons are still to be looked for.
+    core: Vec<u32>,
+    in_core: Vec<u64>,
+    mark: u64,
+    todo: Vec<u32>,
+    seen_in: Vec<u64>,
 }
 
-/// Half the length, rounded down, of the longest odd cycle looked for.
-const LONGEST_HALF: usize = 4;
+const NONE: u32 = u32::MAX;
 
-/// Cuts off cliques of three vertices and more.
-fn cliques<const W: usize>(apart: &[Set<W>], rest: &mut Set<W>) -> isize {
-    let (mut total, mut todo) = (0, *rest);
-    while let Some(v) = first(&todo) {
-        drop(&mut todo, v);
-        let near = and(&apart[v], rest);
-        let mut seconds = near;
-        while let Some(a) = first(&seconds) {
-            drop(&mut seconds, a);
-            let mut common = and(&near, &apart[a]);
-            if is_empty(&common) {
-                continue;
-            }
-            let mut clique = empty::<W>();
-            put(&mut clique, v);
-            put(&mut clique, a);
-            while let Some(b) = first(&common) {
-                put(&mut clique, b);
-                common = and(&common, &apart[b]);
-            }
-            *rest = and_not(rest, &clique);
-            todo = and(&todo, rest);
-            total += 1;
-            break;
-        }
-    }
-    total
-}
+/// Largest clique whose members are tried one by one.
+const LARGEST_TRIED: usize = 4;
 
-/// Cuts off cycles of `2 half + 1` vertices through each vertex in turn.
-fn odd_cycles<const W: usize>(apart: &[Set<W>], rest: &mut Set<W>, half: usize) -> isize {
-    let (mut total, mut todo) = (0, *rest);
-    while let Some(v) = first(&todo) {
-        drop(&mut todo, v);
-        if let Some(cycle) = odd_cycle(apart, rest, v, half) {
-            *rest = and_not(rest, &cycle);
-            todo = and(&todo, rest);
-            total += half as isize;
+impl ComplementBound {
+    /// The bound within `alive`; work stops once it is down to `target`.
+    pub(super) fn bound<const W: usize>(&mut self, apart: &[Set<W>], alive: &Set<W>, target: isize) -> isize {
+        self.members.clear();
+        let mut rest = *alive;
+        self.cover_by_cliques(apart, &mut rest);
+        self.cover_by_edges(apart, rest);
+        let mut total = self.members.len() as isize;
+        // Each core takes two cliques and more.
+        if total <= target || (target > 0 && 2 * (total - target) > total) {
+            return total;
         }
+        self.start(apart.len());
+        for size in 1..=LARGEST_TRIED {
+            for clique in 0..self.members.len() {
+                if self.members[clique].len() != size || self.left[clique] == 0 {
+                    continue;
+                }
+                if self.contradicts(apart, alive, clique) {
+                    total -= 1;
+                    if total <= target {
+                        return total;
+                    }
+                }
+            }
+        }
+        total
     }
-    total
-}
 
-/// A cycle of `2 half + 1` vertices through `v`: two disjoint shortest paths to the ends of an edge between vertices
-/// `half` steps away.
-fn odd_cycle<const W: usize>(apart: &[Set<W>], rest: &Set<W>, v: usize, half: usize) -> Option<Set<W>> {
-    let mut layers = [empty::<W>(); LONGEST_HALF + 1];
-    put(&mut layers[0], v);
-    let mut reached = layers[0];
-    for step in 1..=half {
-        let (mut front, mut next) = (layers[step - 1], empty::<W>());
-        while let Some(u) = first(&front) {
-            drop(&mut front, u);
-            next = or(&next, &apart[u]);
-        }
-        next = and_not(&and(&next, rest), &reached);
-        if is_empty(&next) {
-            return None;
-        }
-        reached = or(&reached, &next);
-        layers[step] = next;
-    }
-    let mut ends = layers[half];
-    while let Some(x) = first(&ends) {
-        drop(&mut ends, x);
-        let mut partners = and(&apart[x], &ends);
-        while let Some(y) = first(&partners) {
-            drop(&mut partners, y);
-            if let Some(cycle) = paths_back(apart, &layers, half, x, y) {
-                return Some(cycle);
-            }
+    fn start(&mut self, vertices: usize) {
+        self.clique_of.clear();
+        self.clique_of.resize(vertices, NONE);
+        self.out_in.resize(self.out_in.len().max(vertices), 0);
+        self.put_out_by.resize(self.put_out_by.len().max(vertices), 0);
+        self.in_core.resize(self.in_core.len().max(self.members.len()), 0);
+        self.seen_in.resize(self.seen_in.len().max(self.members.len()), 0);
+        self.left.clear();
+        for (clique, members) in self.members.iter().enumerate() {
+            self.left.push(members.len() as u32);
+            members.iter().for_each(|&v| self.clique_of[v as usize] = clique as u32);
         }
     }
-    None
-}
 
-/// Walks from `x` and `y` back to the root, one layer at a time, on different vertices.
-fn paths_back<const W: usize>(
-    apart: &[Set<W>],
-    layers: &[Set<W>; LONGEST_HALF + 1],
-    half: usize,
-    x: usize,
-    y: usize,
-) -> Option<Set<W>> {
-    let mut cycle = empty::<W>();
-    let (mut a, mut b) = (x, y);
-    for step in (1..half).rev() {
-        put(&mut cycle, a);
-        put(&mut cycle, b);
-        let (from_a, from_b) = (and(&apart[a], &layers[step]), and(&apart[b], &layers[step]));
-        let (mut next_a, mut next_b) = (first(&from_a)?, first(&from_b)?);
-        if next_a == next_b {
-            let (mut other_a, mut other_b) = (from_a, from_b);
-            drop(&mut other_a, next_a);
-            drop(&mut other_b, next_b);
-            match (first(&other_a), first(&other_b)) {
-                (Some(other), _) => next_a = other,
-                (None, Some(other)) => next_b = other,
-                (None, None) => return None,
+    /// Whether all members of a clique fail; the cliques that it takes then count no more.
+    fn contradicts<const W: usize>(&mut self, apart: &[Set<W>], alive: &Set<W>, clique: usize) -> bool {
+        self.core.clear();
+        self.mark += 1;
+        self.join(clique as u32);
+        for i in 0..self.members[clique].len() {
+            let v = self.members[clique][i];
+            let empty = self.chain(apart, alive, v);
+            while let Some(touched) = self.touched.pop() {
+                self.left[touched as usize] = self.members[touched as usize].len() as u32;
             }
+            let Some(empty) = empty else { return false };
+            self.blame(empty);
         }
-        (a, b) = (next_a, next_b);
+        for &used in &self.core {
+            self.left[used as usize] = 0;
+            self.members[used as usize].iter().for_each(|&v| self.clique_of[v as usize] = NONE);
+        }
+        true
     }
-    put(&mut cycle, a);
-    put(&mut cycle, b);
-    layers[0].iter().zip(&mut cycle).for_each(|(root, all)| *all |= root);
-    Some(cycle)
-}
 
-/// Vertices less the edges of a matching, improved by paths of three edges.
-fn matching<const W: usize>(apart: &[Set<W>], rest: Set<W>) -> isize {
-    let (mut total, mut free, mut single) = (0, rest, empty::<W>());
-    let mut partner = [u32::MAX; 64].to_vec();
-    partner.resize(64 * W, u32::MAX);
-    while let Some(v) = first(&free) {
-        drop(&mut free, v);
-        let near = and(&apart[v], &free);
-        total += 1;
-        match first(&near) {
-            Some(u) => {
-                drop(&mut free, u);
-                partner[u] = v as u32;
-                partner[v] = u as u32;
+    /// Chooses `v` and what follows from it; returns a clique that is left without members.
+    fn chain<const W: usize>(&mut self, apart: &[Set<W>], alive: &Set<W>, v: u32) -> Option<u32> {
+        self.chain += 1;
+        self.steps.clear();
+        self.steps.push(v);
+        let own = self.clique_of[v as usize];
+        let mut step = 0;
+        while step < self.steps.len() {
+            let chosen = self.steps[step] as usize;
+            for u in iter(&and(&apart[chosen], alive)) {
+                let clique = self.clique_of[u];
+                if clique == NONE || clique == own || self.out_in[u] == self.chain {
+                    continue;
+                }
+                self.out_in[u] = self.chain;
+                self.put_out_by[u] = step as u32;
+                let left = &mut self.left[clique as usize];
+                *left -= 1;
+                self.touched.push(clique);
+                match *left {
+                    0 => return Some(clique),
+                    1 => {
+                        let mut members = self.members[clique as usize].iter();
+                        if let Some(&last) = members.find(|&&u| self.out_in[u as usize] != self.chain) {
+                            self.steps.push(last);
+                        }
+                    }
+                    _ => {}
+                }
             }
-            None => put(&mut single, v),
+            step += 1;
+        }
+        None
+    }
+
+    /// Takes the cliques that led to `empty` into the core.
+    fn blame(&mut self, empty: u32) {
+        self.visit(empty);
+        while let Some(clique) = self.todo.pop() {
+            for i in 0..self.members[clique as usize].len() {
+                let u = self.members[clique as usize][i] as usize;
+                if self.out_in[u] == self.chain && self.put_out_by[u] > 0 {
+                    let chosen = self.steps[self.put_out_by[u] as usize] as usize;
+                    self.visit(self.clique_of[chosen]);
+                }
+            }
         }
     }
-    // A single s, joined to a matched a whose partner b is joined to another single: one edge more.
-    let mut todo = single;
-    while let Some(s) = first(&todo) {
-        drop(&mut todo, s);
-        let mut near = and(&apart[s], &rest);
-        while let Some(a) = first(&near) {
-            drop(&mut near, a);
-            let b = partner[a] as usize;
-            if has(&single, a) || b >= 64 * W {
-                continue;
-            }
-            let mut others = and(&apart[b], &single);
-            drop(&mut others, s);
-            if let Some(t) = first(&others) {
-                (partner[s], partner[a], partner[b], partner[t]) = (a as u32, s as u32, t as u32, b as u32);
-                drop(&mut single, s);
-                drop(&mut single, t);
-                drop(&mut todo, t);
-                total -= 1;
+
+    fn visit(&mut self, clique: u32) {
+        if self.seen_in[clique as usize] != self.chain {
+            self.seen_in[clique as usize] = self.chain;
+            self.todo.push(clique);
+            self.join(clique);
+        }
+    }
+
+    fn join(&mut self, clique: u32) {
+        if self.in_core[clique as usize] != self.mark {
+            self.in_core[clique as usize] = self.mark;
+            self.core.push(clique);
+        }
+    }
+
+    /// Cuts off cliques of three vertices and more.
+    fn cover_by_cliques<const W: usize>(&mut self, apart: &[Set<W>], rest: &mut Set<W>) {
+        let mut todo = *rest;
+        while let Some(v) = first(&todo) {
+            drop(&mut todo, v);
+            let near = and(&apart[v], rest);
+            let mut seconds = near;
+            while let Some(a) = first(&seconds) {
+                drop(&mut seconds, a);
+                let mut common = and(&near, &apart[a]);
+                if is_empty(&common) {
+                    continue;
+                }
+                let mut clique = empty::<W>();
+                put(&mut clique, v);
+                put(&mut clique, a);
+                while let Some(b) = first(&common) {
+                    put(&mut clique, b);
+                    common = and(&common, &apart[b]);
+                }
+                *rest = and_not(rest, &clique);
+                todo = and(&todo, rest);
+                self.members.push(iter(&clique).map(|u| u as u32).collect());
                 break;
             }
         }
     }
-    total
+
+    /// Covers the rest by a matching, vertices with few partners first, and single vertices.
+    fn cover_by_edges<const W: usize>(&mut self, apart: &[Set<W>], mut rest: Set<W>) {
+        while let Some(v) = first(&rest) {
+            drop(&mut rest, v);
+            let mut near = and(&apart[v], &rest);
+            let mut best: Option<(u32, usize)> = None;
+            while let Some(u) = first(&near) {
+                drop(&mut near, u);
+                let partners = count(&and(&apart[u], &rest));
+                if best.is_none_or(|(least, _)| partners < least) {
+                    best = Some((partners, u));
+                }
+            }
+            match best {
+                Some((_, u)) => {
+                    drop(&mut rest, u);
+                    self.members.push(vec![v as u32, u as u32]);
+                }
+                None => self.members.push(vec![v as u32]),
+            }
+        }
+    }
 }

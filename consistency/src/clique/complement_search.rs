@@ -6,7 +6,7 @@
 //! cliques and short odd cycles are looked for directly, which suits random sparse complements.
 
 use super::budget::Meter;
-use super::complement_bound::bound;
+use super::complement_bound::ComplementBound;
 use super::rows::{
     BitMatrix, Set, and, and_not, count, drop, empty, first, has, is_empty, or, put, width, with_width,
 };
@@ -27,7 +27,8 @@ pub(super) fn search<const W: usize>(
         drop(row, v);
     }
     let state = State { apart, alive: all, size: 0, log: Vec::new(), small: all, large: all };
-    solve(state, lower as isize, enough as isize, meter).map(|log| replay(&log, matrix.n))
+    let mut tools = Tools { bound: ComplementBound::default(), meter };
+    solve(state, lower as isize, enough as isize, &mut tools).map(|log| replay(&log, matrix.n))
 }
 
 /// A step of the construction of an independent set.
@@ -230,16 +231,22 @@ impl<const W: usize> State<W> {
     }
 }
 
+/// What all parts of the search share.
+struct Tools<'a> {
+    bound: ComplementBound,
+    meter: &'a mut Meter,
+}
+
 /// Steps to an independent set of more than `lower` vertices: a largest one, or one of at least `enough`.
 fn solve<const W: usize>(
     mut state: State<W>,
     mut lower: isize,
     enough: isize,
-    meter: &mut Meter,
+    tools: &mut Tools<'_>,
 ) -> Option<Vec<Step>> {
     let mut found = None;
     loop {
-        if !meter.tick() {
+        if !tools.meter.tick() {
             return found;
         }
         state.reduce();
@@ -248,20 +255,20 @@ fn solve<const W: usize>(
         }
         let left = count(&state.alive) as usize;
         if width(words_for(left)) < W {
-            return solve_narrowed(state, left, lower, enough, meter).or(found);
+            return solve_narrowed(state, left, lower, enough, tools).or(found);
         }
         let allowed = lower - state.size;
-        if bound(&state.apart, &state.alive) <= allowed {
+        if tools.bound.bound(&state.apart, &state.alive, allowed) <= allowed {
             return found;
         }
         let part = state.component(&state.alive);
         if part != state.alive {
-            return solve_parts(state, part, lower, enough, meter).or(found);
+            return solve_parts(state, part, lower, enough, tools).or(found);
         }
         let Some(v) = state.largest_degree() else { return found };
         let mut with = state.clone();
         with.take(v);
-        if let Some(log) = solve(with, lower, enough, meter) {
+        if let Some(log) = solve(with, lower, enough, tools) {
             lower = size_of(&log);
             found = Some(log);
             if lower >= enough {
@@ -283,7 +290,7 @@ fn solve_narrowed<const W: usize>(
     left: usize,
     lower: isize,
     enough: isize,
-    meter: &mut Meter,
+    tools: &mut Tools<'_>,
 ) -> Option<Vec<Step>> {
     let mut vertices: Vec<usize> = iter(&state.alive).collect();
     vertices.sort_by_key(|&v| count(&state.around(v)));
@@ -294,7 +301,7 @@ fn solve_narrowed<const W: usize>(
     let edges =
         vertices.iter().map(|&v| iter(&and(&state.apart[v], &state.alive)).map(|u| place[u]).collect());
     let edges: Vec<Vec<u32>> = edges.collect();
-    let steps = with_width!(words_for(left), solve_lists(&edges, lower, enough, meter))?;
+    let steps = with_width!(words_for(left), solve_lists(&edges, lower, enough, tools))?;
     let name = |v: u32| vertices[v as usize] as u32;
     log.extend(steps.into_iter().map(|step| match step {
         Step::Take(v) => Step::Take(name(v)),
@@ -307,7 +314,7 @@ fn solve_lists<const W: usize>(
     edges: &[Vec<u32>],
     lower: isize,
     enough: isize,
-    meter: &mut Meter,
+    tools: &mut Tools<'_>,
 ) -> Option<Vec<Step>> {
     let mut apart = vec![empty::<W>(); edges.len()];
     for (row, list) in apart.iter_mut().zip(edges) {
@@ -316,7 +323,7 @@ fn solve_lists<const W: usize>(
     let mut alive = empty::<W>();
     (0..edges.len()).for_each(|v| put(&mut alive, v));
     let state = State { apart, alive, size: 0, log: Vec::new(), small: empty(), large: empty() };
-    solve(state, lower, enough, meter)
+    solve(state, lower, enough, tools)
 }
 
 fn size_of(log: &[Step]) -> isize {
@@ -329,11 +336,11 @@ fn solve_parts<const W: usize>(
     first_part: Set<W>,
     lower: isize,
     enough: isize,
-    meter: &mut Meter,
+    tools: &mut Tools<'_>,
 ) -> Option<Vec<Step>> {
     let (mut parts, mut rest, mut part) = (Vec::new(), state.alive, first_part);
     while !is_empty(&part) {
-        parts.push((bound(&state.apart, &part), part));
+        parts.push((tools.bound.bound(&state.apart, &part, 0), part));
         rest = and_not(&rest, &part);
         part = state.component(&rest);
     }
@@ -352,7 +359,7 @@ fn solve_parts<const W: usize>(
             large: empty(),
         };
         let enough = upper.min(enough - size_of(&log)).max(1);
-        log.extend(solve(alone, needed.max(0).min(upper), enough.max(upper), meter)?);
+        log.extend(solve(alone, needed.max(0).min(upper), enough.max(upper), tools)?);
     }
     (size_of(&log) > lower).then_some(log)
 }

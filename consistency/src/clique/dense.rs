@@ -1,52 +1,79 @@
-//! Largest and heaviest cliques of graphs that fit into bit rows: reduction, start, choice of the search.
+//! Heaviest cliques of graphs that fit into bit rows: reduction, start, choice of the search.
 
 use super::budget::Meter;
 use super::greedy::extend;
 use super::local_search;
-use super::rows::{BitMatrix, with_width};
-use super::{by_vertex, complement_search, weighted_search};
-use crate::graph::{Adjacency, degeneracy};
+use super::peels::Peels;
+use super::rows::{BitMatrix, full, with_width};
+use super::search::Problem;
+use super::{by_vertex, complement_search};
+use crate::graph::Adjacency;
 
-/// A clique of `matrix` of more than `lower` vertices: the largest, or one of at least `enough`; or `None`.
+/// A clique of `matrix` heavier than `lower`: the heaviest, or one of at least `enough`; or `None`.
+pub(super) fn heavier(
+    matrix: &BitMatrix,
+    weights: &[u64],
+    lower: u64,
+    enough: u64,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
+    let mut order = matrix.order_above(weights, lower);
+    let pick = |order: &[usize]| order.iter().map(|&v| weights[v]).collect::<Vec<u64>>();
+    let mut reduced = matrix.select(&order);
+    let mut own = pick(&order);
+    if own.iter().sum::<u64>() <= lower {
+        return None;
+    }
+    let counted = own.iter().all(|&w| w == 1);
+    let start = extend(&reduced, 0..reduced.n);
+    let steps = (LOCAL_STEPS * reduced.n).min(LOCAL_MOVES / (1 + missing_degree(&reduced) as usize));
+    let start = local_search::improve(&reduced, &own, &start, steps);
+    let weight: u64 = start.iter().map(|&v| own[v]).sum();
+    let (mut best, mut known) = (None, lower);
+    if weight > lower {
+        known = weight;
+        best = Some(start.iter().map(|&v| order[v]).collect());
+        if known >= enough {
+            return best;
+        }
+        let kept = reduced.order_above(&own, known);
+        reduced = reduced.select(&kept);
+        order = kept.into_iter().map(|i| order[i]).collect();
+        own = pick(&order);
+    }
+    let found = if counted && missing_degree(&reduced) <= SPARSE_COMPLEMENT {
+        let (known, enough) = (known as usize, enough as usize);
+        with_width!(reduced.words, sparse_complement(&reduced, known, enough, meter))
+    } else {
+        by_vertex::search(Problem { matrix: &reduced, weights: &own, counted }, known, enough, meter)
+    };
+    found.map(|clique| clique.into_iter().map(|v| order[v]).collect()).or(best)
+}
+
+/// A clique of more than `lower` vertices: the largest, or one of at least `enough`; or `None`.
 pub(super) fn larger(
     matrix: &BitMatrix,
     lower: usize,
     enough: usize,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let cores = degeneracy(matrix);
-    let mut best: Option<Vec<usize>> = None;
-    let mut order: Vec<usize> =
-        cores.order.iter().rev().copied().filter(|&v| cores.core[v] >= lower).collect();
-    if order.len() <= lower {
-        return None;
-    }
-    let mut reduced = matrix.select(&order);
-    let start = extend(&reduced, 0..reduced.n);
-    let steps = (LOCAL_STEPS * reduced.n).min(LOCAL_MOVES / (1 + missing_degree(&reduced) as usize));
-    let start = local_search::improve(&reduced, &start, steps);
-    let mut known = lower;
-    if start.len() > lower {
-        known = start.len();
-        best = Some(start.iter().map(|&v| order[v]).collect());
-        if known >= enough {
-            return best;
-        }
-        let kept: Vec<usize> = (0..order.len()).filter(|&i| cores.core[order[i]] >= known).collect();
-        reduced = reduced.select(&kept);
-        order = kept.into_iter().map(|i| order[i]).collect();
-    }
-    let found = if missing_degree(&reduced) <= SPARSE_COMPLEMENT {
-        with_width!(reduced.words, sparse_complement(&reduced, known, enough, meter))
-    } else {
-        by_vertex::search(&reduced, known, enough, meter)
-    };
-    found.map(|clique| clique.into_iter().map(|v| order[v]).collect()).or(best)
+    heavier(matrix, &vec![1; matrix.n], lower as u64, enough as u64, meter)
+}
+
+/// Upper bound of the weight of a clique, by colouring alone.
+pub(super) fn bound(matrix: &BitMatrix, weights: &[u64]) -> u64 {
+    with_width!(matrix.words, bound_wide(matrix, weights))
+}
+
+fn bound_wide<const W: usize>(matrix: &BitMatrix, weights: &[u64]) -> u64 {
+    let order = matrix.order(weights);
+    let weights: Vec<u64> = order.iter().map(|&v| weights[v]).collect();
+    Peels::<W>::new().bound(&matrix.select(&order).closed(), &weights, full(matrix.n))
 }
 
 /// Steps of the local search a vertex, and a limit on what all of them may touch.
 const LOCAL_STEPS: usize = 10;
-const LOCAL_MOVES: usize = 1_000_000;
+const LOCAL_MOVES: usize = 150_000;
 
 /// Average number of missing edges a vertex up to which the complement is searched.
 const SPARSE_COMPLEMENT: f64 = 9.0;
@@ -63,29 +90,4 @@ fn sparse_complement<const W: usize>(
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
     complement_search::search::<W>(matrix, lower, enough, meter)
-}
-
-/// A clique of `matrix` heavier than `lower`, the heaviest there is, or `None`.
-pub(super) fn heavier(
-    matrix: &BitMatrix,
-    weights: &[u64],
-    lower: u64,
-    meter: &mut Meter,
-) -> Option<Vec<usize>> {
-    let mut order = degeneracy(matrix).order;
-    order.reverse();
-    order.sort_by_key(|&v| std::cmp::Reverse(weights[v]));
-    let sorted = matrix.select(&order);
-    let sorted_weights: Vec<u64> = order.iter().map(|&v| weights[v]).collect();
-    let found = with_width!(sorted.words, weighted(&sorted, &sorted_weights, lower, meter))?;
-    Some(found.into_iter().map(|v| order[v]).collect())
-}
-
-fn weighted<const W: usize>(
-    matrix: &BitMatrix,
-    weights: &[u64],
-    lower: u64,
-    meter: &mut Meter,
-) -> Option<Vec<usize>> {
-    weighted_search::search::<W>(matrix, weights, lower, meter)
 }

@@ -1,27 +1,32 @@
+use std::cmp::Reverse;
+
 use super::rows::BitMatrix;
 use crate::graph::bits;
 
-/// Improves a clique by adding vertices and by swapping one vertex for another, the least recently moved first.
+/// Improves a clique by adding vertices and by swapping one vertex for another: the move that gains most weight, of
+/// equal ones that of the vertex that rested longest. A vertex that was dropped may not return at once.
 ///
 /// Deterministic. A step costs the number of vertices *not* joined to the one that moves.
 ///
-/// **Source**: the plateau moves of Pullan and Hoos, *Dynamic Local Search for the Maximum Clique Problem*, 2006,
-/// with a fixed tabu rule in place of random restarts and penalties.
-pub(super) fn improve(matrix: &BitMatrix, start: &[usize], steps: usize) -> Vec<usize> {
+/// **Source**: the plateau moves of Pullan and Hoos, *Dynamic Local Search for the Maximum Clique Problem*, 2006, and
+/// the joined neighbourhoods of Wu, Hao and Glover, *Multi-neighborhood tabu search for the maximum weight clique
+/// problem*, 2012, with fixed rules in place of random ones.
+pub(super) fn improve(matrix: &BitMatrix, weights: &[u64], start: &[usize], steps: usize) -> Vec<usize> {
     let n = matrix.n;
     let apart: Vec<Vec<u32>> = (0..n)
         .map(|v| (0..n).filter(|&u| u != v && !bits::has(matrix.row(v), u)).map(|u| u as u32).collect())
         .collect();
     let mut search = LocalSearch {
-        matrix,
+        weights,
         apart,
         missing: vec![0; n],
+        lost: vec![0; n],
         chosen: vec![false; n],
         moved: vec![0; n],
         fit: Vec::new(),
         near: Vec::new(),
         place: (0..n as u32).collect(),
-        size: 0,
+        weight: 0,
         now: 0,
     };
     search.fit = (0..n as u32).collect();
@@ -29,12 +34,17 @@ pub(super) fn improve(matrix: &BitMatrix, start: &[usize], steps: usize) -> Vec<
     search.run(start, steps)
 }
 
+/// Steps for which a vertex that moved stays where it is.
+const REST: u64 = 5;
+
 struct LocalSearch<'a> {
-    matrix: &'a BitMatrix,
+    weights: &'a [u64],
     /// Vertices not joined to each vertex.
     apart: Vec<Vec<u32>>,
     /// Number of clique members a vertex is not joined to.
     missing: Vec<u32>,
+    /// Weight of those members.
+    lost: Vec<u64>,
     chosen: Vec<bool>,
     /// Step at which a vertex was last added or dropped.
     moved: Vec<u64>,
@@ -42,35 +52,39 @@ struct LocalSearch<'a> {
     fit: Vec<u32>,
     near: Vec<u32>,
     place: Vec<u32>,
-    size: usize,
+    weight: u64,
     now: u64,
 }
 
 impl LocalSearch<'_> {
     fn run(&mut self, start: &[usize], steps: usize) -> Vec<usize> {
-        let mut best = start.to_vec();
+        let n = self.weights.len();
+        let (mut best, mut heaviest) = (start.to_vec(), self.weight);
         for _ in 0..steps {
             self.now += 1;
-            if let Some(v) = self.oldest(&self.fit) {
-                self.add(v);
-            } else if let Some(v) = self.oldest(&self.near) {
-                self.swap_in(v);
-            } else if let Some(v) =
-                (0..self.matrix.n).filter(|&v| !self.chosen[v]).min_by_key(|&v| (self.moved[v], v))
-            {
-                self.swap_in(v);
-            } else {
+            let oldest = |v: &usize| (self.moved[*v], *v);
+            let Some(v) = self.best_move().or_else(|| (0..n).filter(|&v| !self.chosen[v]).min_by_key(oldest))
+            else {
                 break;
-            }
-            if self.size > best.len() {
-                best = (0..self.matrix.n).filter(|&v| self.chosen[v]).collect();
+            };
+            self.swap_in(v);
+            if self.weight > heaviest {
+                heaviest = self.weight;
+                best = (0..n).filter(|&v| self.chosen[v]).collect();
             }
         }
         best
     }
 
-    fn oldest(&self, list: &[u32]) -> Option<usize> {
-        list.iter().map(|&v| v as usize).min_by_key(|&v| (self.moved[v], self.apart[v].len(), v))
+    /// The vertex to add or swap in, if one is allowed to.
+    fn best_move(&self) -> Option<usize> {
+        let rested = |v: &usize| self.moved[*v] == 0 || self.moved[*v] + REST < self.now;
+        let key = |v: &usize| {
+            let gain = self.weights[*v] as i64 - self.lost[*v] as i64;
+            (gain, Reverse((self.moved[*v], self.apart[*v].len(), *v)))
+        };
+        let all = self.fit.iter().chain(&self.near).map(|&v| v as usize);
+        all.filter(rested).max_by_key(key)
     }
 
     /// Adds `v` and drops the members it is not joined to.
@@ -85,11 +99,12 @@ impl LocalSearch<'_> {
         self.unlist(v);
         self.chosen[v] = true;
         self.moved[v] = self.now;
-        self.size += 1;
+        self.weight += self.weights[v];
         for i in 0..self.apart[v].len() {
             let u = self.apart[v][i] as usize;
             self.unlist(u);
             self.missing[u] += 1;
+            self.lost[u] += self.weights[v];
             self.list(u);
         }
     }
@@ -97,12 +112,13 @@ impl LocalSearch<'_> {
     fn drop(&mut self, v: usize) {
         self.chosen[v] = false;
         self.moved[v] = self.now;
-        self.size -= 1;
+        self.weight -= self.weights[v];
         self.list(v);
         for i in 0..self.apart[v].len() {
             let u = self.apart[v][i] as usize;
             self.unlist(u);
             self.missing[u] -= 1;
+            self.lost[u] -= self.weights[v];
             self.list(u);
         }
     }

@@ -31,7 +31,25 @@ pub fn maximum<A: Adjacency>(graph: &A, budget: &Budget) -> Outcome {
     let start = extend(graph, cores.order.iter().rev().copied());
     let upper = cores.core.iter().max().map_or(0, |core| core + 1);
     let better = larger(graph, &cores, start.len(), upper, &mut meter);
-    finish(graph, better.unwrap_or(start), upper, &meter)
+    let best = better.unwrap_or(start);
+    let upper = if meter.stopped {
+        // Larger cliques are among vertices of large core numbers.
+        let kept: Vec<usize> = (0..graph.len()).filter(|&v| cores.core[v] >= best.len()).collect();
+        upper
+            .min(colour_bound(graph, &kept, &vec![1; kept.len()], upper as u64).max(best.len() as u64)
+                as usize)
+    } else {
+        upper
+    };
+    finish(graph, best, upper, &meter)
+}
+
+/// Upper bound of the weight of cliques within `kept`, no more than `upper`.
+fn colour_bound<A: Adjacency>(graph: &A, kept: &[usize], weights: &[u64], upper: u64) -> u64 {
+    if kept.len() > DENSE_LIMIT {
+        return upper;
+    }
+    dense::bound(&BitMatrix::induced(graph, kept), weights).min(upper)
 }
 
 /// Largest graph searched as a whole.
@@ -109,7 +127,14 @@ pub fn maximum_weight<A: Adjacency>(graph: &A, budget: &Budget) -> Outcome<f64> 
     best.sort_unstable();
     assert!(graph.is_clique(&best), "the set found is not a clique");
     let value = graph.total_weight(&best);
-    let upper_bound = if meter.stopped { scale.to_weight(upper).max(value) } else { value };
+    let upper_bound = if meter.stopped {
+        let known = total(&best);
+        let kept: Vec<usize> = (0..n).filter(|&v| weights[v] > 0 && around(v) > known).collect();
+        let own: Vec<u64> = kept.iter().map(|&v| weights[v]).collect();
+        scale.to_weight(colour_bound(graph, &kept, &own, upper)).max(value)
+    } else {
+        value
+    };
     Outcome { value, upper_bound, optimal: upper_bound == value, vertices: best, nodes: meter.nodes }
 }
 
@@ -117,9 +142,9 @@ pub fn maximum_weight<A: Adjacency>(graph: &A, budget: &Budget) -> Outcome<f64> 
 fn heavier<A: Adjacency>(graph: &A, weights: &[u64], lower: u64, meter: &mut Meter) -> Option<Vec<usize>> {
     let pick = |vertices: &[usize]| vertices.iter().map(|&v| weights[v]).collect::<Vec<u64>>();
     let around = |v: usize| weights[v] + graph.neighbors(v).map(|u| weights[u]).sum::<u64>();
-    let kept: Vec<usize> = (0..graph.len()).filter(|&v| around(v) > lower).collect();
+    let kept: Vec<usize> = (0..graph.len()).filter(|&v| weights[v] > 0 && around(v) > lower).collect();
     if kept.len() <= DENSE_LIMIT {
-        let found = dense::heavier(&BitMatrix::induced(graph, &kept), &pick(&kept), lower, meter)?;
+        let found = dense::heavier(&BitMatrix::induced(graph, &kept), &pick(&kept), lower, u64::MAX, meter)?;
         return Some(found.into_iter().map(|v| kept[v]).collect());
     }
     let order = degeneracy(graph).order;
@@ -137,7 +162,7 @@ fn heavier<A: Adjacency>(graph: &A, weights: &[u64], lower: u64, meter: &mut Met
         // Without this vertex the rest must be heavier than what is missing; nothing is missing if it alone is.
         let rest = known.saturating_sub(weights[v]);
         let found = if around.len() <= DENSE_LIMIT {
-            dense::heavier(&later.matrix(&around), &available, rest, meter)
+            dense::heavier(&later.matrix(&around), &available, rest, u64::MAX, meter)
         } else {
             heavier(&later.sparse(&around), &available, rest, meter)
         };

@@ -6,25 +6,30 @@
 
 mod budget;
 mod by_vertex;
+mod colours;
 mod complement_bound;
 mod complement_search;
+mod cores;
+mod cover;
 mod dense;
 mod enumerate;
 mod fixed_point;
 mod greedy;
+mod growing;
 mod incremental;
+mod incumbent;
 mod later;
 mod local_search;
 mod maximum;
 mod outcome;
+mod peels;
 mod rows;
 mod search;
-mod weighted_search;
 
 pub use budget::Budget;
 pub(crate) use budget::Meter;
 pub use enumerate::{MaximalCliques, all_maximum, maximal};
 pub use greedy::greedy;
-pub use incremental::Incremental;
+pub use incremental::{Incremental, IncrementalWeight};
 pub use maximum::{maximum, maximum_weight};
 pub use outcome::Outcome;

@@ -1,6 +1,6 @@
 //! Bit rows of a small graph whose width is known to the compiler.
 
-use crate::graph::{Adjacency, bits};
+use crate::graph::{Adjacency, bits, degeneracy};
 
 /// A set of vertices as `W` words.
 pub(super) type Set<const W: usize> = [u64; W];
@@ -22,6 +22,24 @@ pub(super) fn first<const W: usize>(set: &Set<W>) -> Option<usize> {
 #[inline(always)]
 pub(super) fn is_empty<const W: usize>(set: &Set<W>) -> bool {
     set.iter().fold(0, |all, word| all | word) == 0
+}
+
+/// The first `n` vertices.
+pub(super) fn full<const W: usize>(n: usize) -> Set<W> {
+    let mut all = empty::<W>();
+    (0..n).for_each(|v| put(&mut all, v));
+    all
+}
+
+/// Whether a set, known not to be empty, has one member.
+#[inline(always)]
+pub(super) fn is_single<const W: usize>(set: &Set<W>) -> bool {
+    let (mut seen, mut more) = (false, false);
+    for &word in set {
+        more |= (seen && word != 0) || word & word.wrapping_sub(1) != 0;
+        seen |= word != 0;
+    }
+    !more
 }
 
 #[inline(always)]
@@ -92,6 +110,23 @@ impl BitMatrix {
         matrix
     }
 
+    /// The graph induced on `vertices` of a graph in rows of fixed width, in their order.
+    pub(super) fn part<const W: usize>(adjacent: &[Set<W>], vertices: &[usize]) -> Self {
+        let mut place = vec![u32::MAX; 64 * W];
+        let mut within = empty::<W>();
+        for (i, &v) in vertices.iter().enumerate() {
+            place[v] = i as u32;
+            put(&mut within, v);
+        }
+        let mut part = Self::new(vertices.len());
+        for (row, &v) in part.rows.chunks_exact_mut(part.words.max(1)).zip(vertices) {
+            let mut near = and(&adjacent[v], &within);
+            drop(&mut near, v);
+            bits::iter(&near).for_each(|u| bits::insert(row, place[u] as usize));
+        }
+        part
+    }
+
     pub(super) fn row(&self, v: usize) -> &[u64] {
         &self.rows[v * self.words..(v + 1) * self.words]
     }
@@ -105,6 +140,46 @@ impl BitMatrix {
                 set
             })
             .collect()
+    }
+
+    /// Rows of `W >= words` words that hold their own vertex too.
+    pub(super) fn closed<const W: usize>(&self) -> Vec<Set<W>> {
+        let mut rows = self.widened::<W>();
+        rows.iter_mut().enumerate().for_each(|(v, row)| put(row, v));
+        rows
+    }
+
+    /// The order of colouring: vertices of the densest core first; with weights, those that keep the heaviest
+    /// neighbourhoods when the one with the lightest leaves again and again.
+    pub(super) fn order(&self, weights: &[u64]) -> Vec<usize> {
+        let counted = weights.iter().all(|&w| w == 1);
+        let mut order = if counted { degeneracy(self).order } else { self.order_by_weight(weights) };
+        order.reverse();
+        order
+    }
+
+    fn order_by_weight(&self, weights: &[u64]) -> Vec<usize> {
+        let mut around: Vec<u64> = (0..self.n).map(|v| self.around(weights, v)).collect();
+        let mut left: Vec<usize> = (0..self.n).collect();
+        let mut order = Vec::with_capacity(self.n);
+        while let Some(at) = (0..left.len()).min_by_key(|&i| (around[left[i]], left[i])) {
+            let v = left.swap_remove(at);
+            self.neighbors(v).for_each(|u| around[u] = around[u].saturating_sub(weights[v]));
+            order.push(v);
+        }
+        order
+    }
+
+    /// Weight of all neighbours.
+    fn around(&self, weights: &[u64], v: usize) -> u64 {
+        self.neighbors(v).map(|u| weights[u]).sum()
+    }
+
+    /// The order without vertices that are in no clique heavier than `lower`.
+    pub(super) fn order_above(&self, weights: &[u64], lower: u64) -> Vec<usize> {
+        let mut order = self.order(weights);
+        order.retain(|&v| weights[v] > 0 && weights[v] + self.around(weights, v) > lower);
+        order
     }
 
     /// The graph induced on `vertices`, in their order.

@@ -35,27 +35,43 @@ impl SparseGraph {
             arcs.push((a as u32, b as u32));
             arcs.push((b as u32, a as u32));
         }
-        Ok(Self::from_arcs(arcs, vec![1.0; vertices]))
+        Ok(Self::from_arcs(&arcs, vec![1.0; vertices]))
     }
 
-    /// From both directions of edges known to be sound.
-    fn from_arcs(mut arcs: Vec<(u32, u32)>, weights: Vec<f64>) -> Self {
-        arcs.sort_unstable();
-        arcs.dedup();
-        let mut starts = vec![0; weights.len() + 1];
-        for &(a, _) in &arcs {
-            starts[a as usize + 1] += 1;
+    /// From both directions of edges known to be sound, sorted by counting: first by target, then by source.
+    fn from_arcs(arcs: &[(u32, u32)], weights: Vec<f64>) -> Self {
+        let n = weights.len();
+        let mut by_target = vec![(0, 0); arcs.len()];
+        let mut place = starts(n, arcs.iter().map(|arc| arc.1));
+        for &(a, b) in arcs {
+            by_target[place[b as usize]] = (a, b);
+            place[b as usize] += 1;
         }
-        for v in 0..weights.len() {
-            starts[v + 1] += starts[v];
+        let mut neighbors = vec![0; arcs.len()];
+        let bounds = starts(n, arcs.iter().map(|arc| arc.0));
+        place.copy_from_slice(&bounds);
+        for (a, b) in by_target {
+            neighbors[place[a as usize]] = b;
+            place[a as usize] += 1;
         }
-        let neighbors = arcs.into_iter().map(|(_, b)| b).collect();
+        let (mut starts, mut kept) = (vec![0; n + 1], 0);
+        for v in 0..n {
+            for i in bounds[v]..bounds[v + 1] {
+                if kept == starts[v] || neighbors[kept - 1] != neighbors[i] {
+                    neighbors[kept] = neighbors[i];
+                    kept += 1;
+                }
+            }
+            starts[v + 1] = kept;
+        }
+        neighbors.truncate(kept);
         Self { starts, neighbors, weights }
     }
 
     /// A part of a graph: both directions of its edges, and its weights.
     pub(crate) fn induced(arcs: impl Iterator<Item = (usize, usize)>, weights: Vec<f64>) -> Self {
-        Self::from_arcs(arcs.map(|(a, b)| (a as u32, b as u32)).collect(), weights)
+        let arcs: Vec<(u32, u32)> = arcs.map(|(a, b)| (a as u32, b as u32)).collect();
+        Self::from_arcs(&arcs, weights)
     }
 
     /// Replaces all vertex weights.
@@ -78,6 +94,16 @@ impl SparseGraph {
     fn list(&self, vertex: usize) -> &[u32] {
         if vertex < self.len() { &self.neighbors[self.starts[vertex]..self.starts[vertex + 1]] } else { &[] }
     }
+}
+
+/// Where the elements of each key begin when they are sorted, and the end.
+fn starts(keys: usize, elements: impl Iterator<Item = u32>) -> Vec<usize> {
+    let mut starts = vec![0; keys + 1];
+    elements.for_each(|key| starts[key as usize + 1] += 1);
+    for key in 0..keys {
+        starts[key + 1] += starts[key];
+    }
+    starts
 }
 
 impl Adjacency for SparseGraph {
