@@ -24,7 +24,6 @@ pub(super) fn heavier(
     if own.iter().sum::<u64>() <= lower {
         return None;
     }
-    let counted = own.iter().all(|&w| w == 1);
     let start = extend(&reduced, 0..reduced.n);
     let steps = (LOCAL_STEPS * reduced.n).min(LOCAL_MOVES / (1 + missing_degree(&reduced) as usize));
     let start = local_search::improve(&reduced, &own, &start, steps);
@@ -41,13 +40,42 @@ pub(super) fn heavier(
         order = kept.into_iter().map(|i| order[i]).collect();
         own = pick(&order);
     }
-    let found = if counted && missing_degree(&reduced) <= SPARSE_COMPLEMENT {
-        let (known, enough) = (known as usize, enough as usize);
-        with_width!(reduced.words, sparse_complement(&reduced, known, enough, meter))
-    } else {
-        by_vertex::search(Problem { matrix: &reduced, weights: &own, counted }, known, enough, meter)
-    };
+    let found = exactly(&reduced, &own, known, enough, meter);
     found.map(|clique| clique.into_iter().map(|v| order[v]).collect()).or(best)
+}
+
+/// The same without a local search first: for graphs that hardly ever hold such a clique.
+pub(super) fn heavier_at_once(
+    matrix: &BitMatrix,
+    weights: &[u64],
+    lower: u64,
+    enough: u64,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
+    let order = matrix.order_above(weights, lower);
+    let own: Vec<u64> = order.iter().map(|&v| weights[v]).collect();
+    if own.iter().sum::<u64>() <= lower {
+        return None;
+    }
+    let found = exactly(&matrix.select(&order), &own, lower, enough, meter)?;
+    Some(found.into_iter().map(|v| order[v]).collect())
+}
+
+/// Takes the search that fits.
+fn exactly(
+    matrix: &BitMatrix,
+    weights: &[u64],
+    lower: u64,
+    enough: u64,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
+    let counted = weights.iter().all(|&w| w == 1);
+    if counted && missing_degree(matrix) <= SPARSE_COMPLEMENT {
+        let (lower, enough) = (lower as usize, enough as usize);
+        with_width!(matrix.words, sparse_complement(matrix, lower, enough, meter))
+    } else {
+        by_vertex::search(Problem { matrix, weights, counted }, lower, enough, meter)
+    }
 }
 
 /// A clique of more than `lower` vertices: the largest, or one of at least `enough`; or `None`.

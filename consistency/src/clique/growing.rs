@@ -4,7 +4,7 @@ use super::fixed_point::FixedPoint;
 use super::outcome::Outcome;
 use super::rows::BitMatrix;
 use crate::Error;
-use crate::graph::{Adjacency, Graph};
+use crate::graph::{Adjacency, Graph, bits};
 
 /// A graph that changes step by step while its heaviest clique stays known.
 ///
@@ -116,18 +116,18 @@ impl Growing {
         let mut meter = Meter::new(&self.budget);
         let was_optimal = self.best.optimal;
         let upper = self.best.upper_bound + gain;
-        let mut around: Vec<usize> = self.graph.neighbors(fixed[0]).collect();
-        around.retain(|&u| fixed[1..].iter().all(|&f| self.graph.has_edge(u, f)));
-        let known = &self.best.vertices;
-        let better = if known.iter().all(|&u| fixed.contains(&u) || around.binary_search(&u).is_ok()) {
-            // The best clique takes them in and gains all that any clique can have gained.
-            let mut vertices = known.clone();
-            vertices.extend(fixed.iter().filter(|f| !known.contains(f)));
-            Some(vertices)
+        let joined = |u: &usize| fixed.iter().all(|&f| *u == f || self.graph.has_edge(*u, f));
+        if self.best.vertices.iter().all(joined) {
+            // The best clique takes them in and gains all that any clique can have gained; it is a clique still.
+            let new: Vec<usize> = fixed.iter().filter(|f| !self.best.vertices.contains(f)).copied().collect();
+            self.best.vertices.extend(new);
+            self.best.vertices.sort_unstable();
+            self.best.value = self.graph.total_weight(&self.best.vertices);
         } else {
-            self.within(&around, fixed, upper, &mut meter)
-        };
-        self.settle(better);
+            let around = self.graph.neighbors(fixed[0]).filter(|u| !fixed.contains(u) && joined(u));
+            let better = self.within(around.collect(), fixed, upper, &mut meter);
+            self.settle(better);
+        }
         self.bound(if was_optimal && !meter.stopped { self.best.value } else { upper }, &meter);
     }
 
@@ -137,29 +137,59 @@ impl Growing {
         let upper = self.best.upper_bound;
         self.best.value = self.graph.total_weight(&self.best.vertices);
         let alive: Vec<usize> = (0..self.graph.len()).filter(|&v| !self.deleted[v]).collect();
-        let better = self.within(&alive, &[], upper, &mut meter);
+        let better = self.within(alive, &[], upper, &mut meter);
         self.settle(better);
         self.bound(if meter.stopped { upper } else { self.best.value }, &meter);
     }
 
     /// A clique heavier than the best one: `fixed`, and others out of `among`, which are joined to all of those.
-    fn within(&self, among: &[usize], fixed: &[usize], upper: f64, meter: &mut Meter) -> Option<Vec<usize>> {
+    fn within(
+        &self,
+        mut among: Vec<usize>,
+        fixed: &[usize],
+        upper: f64,
+        meter: &mut Meter,
+    ) -> Option<Vec<usize>> {
         let scale = if self.counted { FixedPoint::ONE } else { self.scale() };
-        let weigh = |vertices: &[usize]| {
-            vertices.iter().map(|&v| scale.to_integer(self.graph.weight(v))).sum::<u64>()
-        };
+        let integer = |v: usize| scale.to_integer(self.graph.weight(v));
+        let weigh = |vertices: &[usize]| vertices.iter().map(|&v| integer(v)).sum::<u64>();
         let (known, own) = (weigh(&self.best.vertices), weigh(fixed));
         let lower = known.saturating_sub(own);
         let enough = if self.counted { (upper as u64).saturating_sub(own).max(1) } else { NO_LIMIT };
-        let found = if weigh(among) <= lower {
+        self.thin(&mut among, integer, lower);
+        let weights: Vec<u64> = among.iter().map(|&v| integer(v)).collect();
+        let found = if weights.iter().sum::<u64>() <= lower {
             None
         } else {
-            let weights: Vec<u64> = among.iter().map(|&v| scale.to_integer(self.graph.weight(v))).collect();
-            dense::heavier(&BitMatrix::induced(&self.graph, among), &weights, lower, enough, meter)
+            dense::heavier_at_once(&BitMatrix::within(&self.graph, &among), &weights, lower, enough, meter)
         };
         match found {
             Some(found) => Some(found.into_iter().map(|u| among[u]).chain(fixed.iter().copied()).collect()),
             None => (own > known).then(|| fixed.to_vec()),
+        }
+    }
+
+    /// Takes vertices out of `among` that are joined to too few others of it to be in a clique heavier than `lower`.
+    fn thin(&self, among: &mut Vec<usize>, integer: impl Fn(usize) -> u64, lower: u64) {
+        let mut open = vec![0; self.graph.row(0).len()];
+        among.iter().for_each(|&v| bits::insert(&mut open, v));
+        let mut before = usize::MAX;
+        while among.len() < before {
+            before = among.len();
+            among.retain(|&v| {
+                let near = || self.graph.row(v).iter().zip(&open).map(|(row, open)| row & open);
+                let reach = if self.counted {
+                    1 + near().map(|word| u64::from(word.count_ones())).sum::<u64>()
+                } else {
+                    let near: Vec<u64> = near().collect();
+                    integer(v) + bits::iter(&near).map(&integer).sum::<u64>()
+                };
+                let keep = reach > lower;
+                if !keep {
+                    bits::remove(&mut open, v);
+                }
+                keep
+            });
         }
     }
 

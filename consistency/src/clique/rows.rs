@@ -1,6 +1,6 @@
 //! Bit rows of a small graph whose width is known to the compiler.
 
-use crate::graph::{Adjacency, bits, degeneracy};
+use crate::graph::{Adjacency, Graph, bits, degeneracy};
 
 /// A set of vertices as `W` words.
 pub(super) type Set<const W: usize> = [u64; W];
@@ -108,6 +108,27 @@ impl BitMatrix {
         }
         vertices.iter().for_each(|&v| place[v] = u32::MAX);
         matrix
+    }
+
+    /// The graph that a graph in bit rows induces on `vertices`, in their order.
+    pub(super) fn within(graph: &Graph, vertices: &[usize]) -> Self {
+        let mut place = vec![u32::MAX; graph.len()];
+        let mut inside = vec![0; bits::words_for(graph.len())];
+        for (i, &v) in vertices.iter().enumerate() {
+            place[v] = i as u32;
+            bits::insert(&mut inside, v);
+        }
+        let mut part = Self::new(vertices.len());
+        for (row, &v) in part.rows.chunks_exact_mut(part.words.max(1)).zip(vertices) {
+            for (block, (word, mask)) in graph.row(v).iter().zip(&inside).enumerate() {
+                let mut rest = word & mask;
+                while rest != 0 {
+                    bits::insert(row, place[64 * block + rest.trailing_zeros() as usize] as usize);
+                    rest &= rest - 1;
+                }
+            }
+        }
+        part
     }
 
     /// The graph induced on `vertices` of a graph in rows of fixed width, in their order.
