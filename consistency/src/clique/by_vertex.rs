@@ -123,17 +123,24 @@ impl<'a, const W: usize> Split<'a, W> {
         rival: Option<Rival<'_>>,
         meter: &mut Meter,
     ) -> Option<Vec<usize>> {
-        let around: Vec<usize> = bits::iter(&part.around).collect();
-        let weights: Vec<u64> = around.iter().map(|&v| self.problem.weights[v]).collect();
-        let whole = BitMatrix::part(&self.adjacent, &around);
-        let order = whole.order_above(&weights, lower);
-        let weights: Vec<u64> = order.iter().map(|&v| weights[v]).collect();
+        let mut vertices: Vec<usize> = bits::iter(&part.around).collect();
+        let mut matrix = BitMatrix::part(&self.adjacent, &vertices);
+        // Where few vertices are joined parts are small work, and the order of the whole graph will do.
+        if !self.problem.counted || matrix.density() > DENSE {
+            let weights: Vec<u64> = vertices.iter().map(|&v| self.problem.weights[v]).collect();
+            let order = matrix.order_above(&weights, lower);
+            matrix = matrix.select(&order);
+            vertices = order.into_iter().map(|v| vertices[v]).collect();
+        }
+        let weights: Vec<u64> = vertices.iter().map(|&v| self.problem.weights[v]).collect();
         if weights.iter().sum::<u64>() <= lower {
             return None;
         }
-        let problem =
-            Problem { matrix: &whole.select(&order), weights: &weights, counted: self.problem.counted };
+        let problem = Problem { matrix: &matrix, weights: &weights, counted: self.problem.counted };
         let found = search::search(problem, lower, enough, rival, meter)?;
-        Some(found.into_iter().map(|v| around[order[v]]).collect())
+        Some(found.into_iter().map(|v| vertices[v]).collect())
     }
 }
+
+/// Density of a part from which an order of its own is worth its cost.
+const DENSE: f64 = 0.6;

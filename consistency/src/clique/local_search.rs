@@ -102,9 +102,14 @@ impl LocalSearch<'_> {
         self.weight += self.weights[v];
         for i in 0..self.apart[v].len() {
             let u = self.apart[v][i] as usize;
+            self.lost[u] += self.weights[v];
+            // Only vertices that miss few members are on a list.
+            if self.missing[u] > 1 {
+                self.missing[u] += 1;
+                continue;
+            }
             self.unlist(u);
             self.missing[u] += 1;
-            self.lost[u] += self.weights[v];
             self.list(u);
         }
     }
@@ -116,9 +121,13 @@ impl LocalSearch<'_> {
         self.list(v);
         for i in 0..self.apart[v].len() {
             let u = self.apart[v][i] as usize;
+            self.lost[u] -= self.weights[v];
+            if self.missing[u] > 2 {
+                self.missing[u] -= 1;
+                continue;
+            }
             self.unlist(u);
             self.missing[u] -= 1;
-            self.lost[u] -= self.weights[v];
             self.list(u);
         }
     }

@@ -170,6 +170,11 @@ impl BitMatrix {
         rows
     }
 
+    /// Share of the vertex pairs that are joined, about.
+    pub(super) fn density(&self) -> f64 {
+        2.0 * self.edge_count() as f64 / (self.n * self.n).max(1) as f64
+    }
+
     /// The order of colouring: vertices of the densest core first; with weights, those that keep the heaviest
     /// neighbourhoods when the one with the lightest leaves again and again.
     pub(super) fn order(&self, weights: &[u64]) -> Vec<usize> {
@@ -199,7 +204,11 @@ impl BitMatrix {
     /// The order without vertices that are in no clique heavier than `lower`.
     pub(super) fn order_above(&self, weights: &[u64], lower: u64) -> Vec<usize> {
         let mut order = self.order(weights);
-        order.retain(|&v| weights[v] > 0 && weights[v] + self.around(weights, v) > lower);
+        if weights.iter().all(|&w| w == 1) {
+            order.retain(|&v| 1 + self.degree(v) as u64 > lower);
+        } else {
+            order.retain(|&v| weights[v] > 0 && weights[v] + self.around(weights, v) > lower);
+        }
         order
     }
 
