@@ -50,6 +50,12 @@ pub enum Error {
         /// The robot.
         robot: u32,
     },
+    /// A robot that the link was not made for.
+    #[error("robot {robot} is not on this link")]
+    UnknownRobot {
+        /// The robot.
+        robot: u32,
+    },
     /// A factor of a robot's graph whose covariance cannot be inverted.
     #[error("robot {robot}, factor {from} to {to}: the covariance cannot be inverted")]
     Covariance {
@@ -59,6 +65,33 @@ pub enum Error {
         from: u32,
         /// Keyframe measured.
         to: u32,
+    },
+    /// A measurement of a robot's own map whose covariance cannot be inverted.
+    #[error("own measurement {from} to {to}: the covariance cannot be inverted")]
+    LocalCovariance {
+        /// Keyframe measured from.
+        from: u32,
+        /// Keyframe measured.
+        to: u32,
+    },
+    /// A seed of the experiment `chaos` on which something did not hold that must.
+    #[error(
+        "{failed} seeds failed, the first is {seed}: {reason}; it is repeated by `draco experiment chaos --first-seed \
+         {seed} --seeds 1`"
+    )]
+    Chaos {
+        /// The first seed that failed.
+        seed: u64,
+        /// How many failed.
+        failed: usize,
+        /// What did not hold.
+        reason: String,
+    },
+    /// A state file that cannot be used.
+    #[error("{reason}")]
+    State {
+        /// What is wrong with it.
+        reason: String,
     },
     /// A message that cannot be sent.
     #[error(transparent)]

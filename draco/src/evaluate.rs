@@ -4,6 +4,7 @@
 
 use draco_lie::LieGroup;
 use nalgebra::{Isometry2, Matrix3, Translation2, UnitComplex, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Absolute trajectory error: distances left between estimated and true positions after one rigid alignment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -208,7 +209,7 @@ impl ClosureCounts {
 }
 
 /// What became of a closure.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Decision {
     /// It constrains the map.
     Accepted,

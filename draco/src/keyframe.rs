@@ -1,12 +1,13 @@
 //! Keyframes: what every later stage consumes.
 
 use nalgebra::{Isometry2, Point2};
+use serde::{Deserialize, Serialize};
 
 /// Number of a robot as its data names it.
 pub type RobotId = u32;
 
 /// One keyframe of one robot: the points its sonar saw and where dead reckoning put it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Keyframe {
     /// Counts from 0 within its robot, without gaps.
     pub index: u32,

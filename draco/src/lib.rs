@@ -19,16 +19,22 @@ pub mod robot_graph;
 
 pub mod link;
 pub mod message;
+pub mod transport;
 
 pub mod alignment;
 pub mod closure;
 pub mod consistency;
+pub mod draco1;
 pub mod two_step;
 
 pub mod mission;
 pub mod robot;
+pub mod unit;
 
 pub mod evaluate;
 pub mod report;
+
+pub mod experiment;
+pub mod state;
 
 pub use error::Error;

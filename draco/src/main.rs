@@ -5,11 +5,15 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::{Args, Parser, Subcommand};
+use draco::alignment::MapKind;
 use draco::consistency::Method;
+use draco::experiment::{Experiment, Settings};
 use draco::keyframe::MissionData;
+use draco::link::Faults;
 use draco::mission::{self, MissionParams};
+use draco::objects::ObjectParams;
 use draco::simulate::{self, Scenario, SimulationParams};
 use draco::two_step::Optimisation;
 use draco::{dataset, report};
@@ -27,6 +31,37 @@ struct Cli {
 enum Command {
     /// Run a mission: an embedded scenario, or a folder of recorded keyframes.
     Run(Run),
+    /// Repeat one of the experiments behind the figures in the documentation.
+    #[command(after_help = experiments())]
+    Experiment(RunExperiment),
+}
+
+#[derive(Args)]
+struct RunExperiment {
+    /// Name of the experiment; see the list below.
+    name: Experiment,
+
+    /// Number of seeds; each experiment has its own default.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: Option<u64>,
+
+    /// The first seed.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    first_seed: u64,
+
+    /// Folder of recorded data, for the experiments that use some.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+
+    /// Folder for NAME.csv, NAME.json and NAME.svg; made if need be, files of these names are replaced.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// The list of experiments for the help text.
+fn experiments() -> String {
+    let line = |e: &Experiment| format!("  {:18} {}\n", e.name, e.question);
+    "Experiments:\n".to_owned() + &Experiment::ALL.iter().map(line).collect::<String>()
 }
 
 #[derive(Args)]
@@ -47,6 +82,10 @@ struct Run {
     #[arg(long, value_name = "WAY", default_value = "two-step")]
     optimisation: Optimisation,
 
+    /// What of two maps is compared to find where they lie: cells, segments or objects (the published system's way).
+    #[arg(long, value_name = "KIND", default_value = "cells")]
+    maps: MapKind,
+
     /// Seed of the simulation; recorded data do not depend on it.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -55,19 +94,51 @@ struct Run {
     /// has succeeded. May not exist yet, be empty, or hold an earlier result and nothing else.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+
+    /// Share of packets that each receiver loses on the link, 0 to 1.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    loss: f64,
+
+    /// File that holds the mission's state after every step. If it exists, the mission goes on from there; it is removed
+    /// when the mission ends.
+    #[arg(long, value_name = "FILE")]
+    state: Option<PathBuf>,
 }
 
 fn main() -> ExitCode {
     tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(tracing::Level::WARN).init();
-    match Cli::parse().command {
-        Command::Run(arguments) => match run(&arguments) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => {
-                eprintln!("draco: {}", one_line(&error));
-                ExitCode::FAILURE
-            }
-        },
+    let result = match Cli::parse().command {
+        Command::Run(arguments) => run(&arguments),
+        Command::Experiment(arguments) => experiment(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("draco: {}", one_line(&error));
+            ExitCode::FAILURE
+        }
     }
+}
+
+fn experiment(arguments: &RunExperiment) -> anyhow::Result<()> {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let progress = |part: &str| bar.set_message(part.to_owned());
+    let settings = Settings {
+        seeds: arguments.seeds,
+        first_seed: arguments.first_seed,
+        data: arguments.data.clone(),
+        progress: &progress,
+    };
+    let outcome = arguments.name.run(&settings);
+    bar.finish_and_clear();
+    let outcome = outcome.with_context(|| format!("experiment {}", arguments.name.name))?;
+    let mut text = outcome.text();
+    if let Some(folder) = &arguments.out {
+        outcome.write(arguments.name.name, folder)?;
+        text += &format!("Written to {}.\n", folder.display());
+    }
+    print(&text)
 }
 
 fn run(arguments: &Run) -> anyhow::Result<()> {
@@ -78,11 +149,20 @@ fn run(arguments: &Run) -> anyhow::Result<()> {
     let mut params = MissionParams { seed: arguments.seed, ..Default::default() };
     params.robot.method = arguments.consistency;
     params.robot.optimisation = arguments.optimisation;
+    params.robot.alignment.maps = arguments.maps;
+    if arguments.maps == MapKind::Objects {
+        params.robot.objects = ObjectParams::published();
+    }
+    params.modem.faults = Faults { seed: arguments.seed, loss: arguments.loss, ..Faults::default() };
     let bar = progress_bar(mission::step_count(&data));
-    let result = mission::run(&data, &params, |step| {
+    let progress = |step: mission::Progress| {
         bar.set_position(step.done);
         bar.set_message(step.message);
-    });
+    };
+    let result = match &arguments.state {
+        Some(state) => mission::run_resumable(&data, &params, state, progress),
+        None => mission::run(&data, &params, progress),
+    };
     bar.finish_and_clear();
     let run_report = result.with_context(|| format!("mission {}", data.name))?;
     let mut text = run_report.table();
@@ -91,6 +171,10 @@ fn run(arguments: &Run) -> anyhow::Result<()> {
             .with_context(|| format!("writing the results to {}", folder.display()))?;
         text += &format!("\nWritten to {}: open report.html for the map.\n", folder.display());
     }
+    print(&text)
+}
+
+fn print(text: &str) -> anyhow::Result<()> {
     match std::io::stdout().write_all(text.as_bytes()) {
         // whoever reads the table may stop reading it
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error).context("writing the table"),
@@ -115,9 +199,7 @@ fn load(arguments: &Run) -> anyhow::Result<MissionData> {
         return Ok(dataset::read_keyframe_folder(folder)?);
     }
     let name = arguments.scenario.as_deref().unwrap_or("harbor");
-    let Some(scenario) = Scenario::ALL.into_iter().find(|scenario| scenario.name() == name) else {
-        bail!("unknown scenario '{name}': there are {}", Scenario::ALL.map(Scenario::name).join(" and "));
-    };
+    let scenario: Scenario = name.parse().map_err(anyhow::Error::msg)?;
     let params = SimulationParams { scenario, seed: arguments.seed, ..SimulationParams::default() };
     Ok(simulate::simulate(&params)?)
 }

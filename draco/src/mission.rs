@@ -4,14 +4,22 @@
 //! act. After the last keyframe steps go on until nobody has anything to say. Recordings that were not made at the
 //! same time are replayed side by side, each from its own first keyframe.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::Instant;
+
+use nalgebra::Point2;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::keyframe::{MissionData, Recording};
-use crate::link::{Modem, ModemParams};
+use crate::link::{Modem, ModemParams, Outgoing};
 use crate::report::{RobotReport, RunReport, Traffic};
 use crate::robot::{Robot, RobotParams};
+use crate::state;
+use crate::unit::{in_units_of, into_metres, unit_of};
 
 /// Settings of a mission.
 #[derive(Debug, Clone)]
@@ -62,6 +70,30 @@ pub fn step_count(data: &MissionData) -> u64 {
 pub fn run(
     data: &MissionData,
     params: &MissionParams,
+    progress: impl FnMut(Progress),
+) -> Result<RunReport, Error> {
+    run_to_end(data, params, None, progress)
+}
+
+/// As [`run`], with the mission's state in the file `state` after every step. If there is such a file, of a mission over
+/// the same data with the same settings, the mission goes on from its last complete step, and ends as if it had never
+/// been interrupted. The file is removed at the end.
+///
+/// # Errors
+/// As [`run`]; [`Error::Io`] and [`Error::State`] for a state file that cannot be written, read or used.
+pub fn run_resumable(
+    data: &MissionData,
+    params: &MissionParams,
+    state: &Path,
+    progress: impl FnMut(Progress),
+) -> Result<RunReport, Error> {
+    run_to_end(data, params, Some(state), progress)
+}
+
+fn run_to_end(
+    data: &MissionData,
+    params: &MissionParams,
+    state: Option<&Path>,
     mut progress: impl FnMut(Progress),
 ) -> Result<RunReport, Error> {
     if data.recordings.is_empty() {
@@ -71,19 +103,25 @@ pub fn run(
         return Err(Error::EmptyRobot { robot: empty.robot });
     }
     let start = Instant::now();
-    let mut team = Team::new(data, params);
+    let unit = unit_of(data);
+    let scaled = if unit == 1.0 { Cow::Borrowed(data) } else { Cow::Owned(in_units_of(data, unit)) };
+    let data: &MissionData = &scaled;
+    let mut team = match state {
+        Some(path) if path.exists() => Team::resume(data, params, path)?,
+        _ => Team::new(data, params)?,
+    };
+    team.unit = unit;
     let steps = step_count(data);
-    for step in 0..steps {
-        team.step(Some(step as usize))?;
+    while team.steps < steps {
+        team.step(Some(team.steps as usize))?;
+        state.map_or(Ok(()), |path| team.save(params, path))?;
         let merged = team.merged_count();
-        progress(Progress { done: step + 1, message: format!("{merged} robots merged") });
+        progress(Progress { done: team.steps, message: format!("{merged} robots merged") });
     }
     let mut silent = false;
-    for _ in 0..params.closing_steps {
-        if team.step(None)? {
-            silent = true;
-            break;
-        }
+    while !silent && team.steps < steps + params.closing_steps as u64 {
+        silent = team.step(None)?;
+        state.map_or(Ok(()), |path| team.save(params, path))?;
         progress(Progress { done: steps, message: "last messages".into() });
     }
     if !silent {
@@ -94,85 +132,164 @@ pub fn run(
     }
     let mut report = team.report(data, params)?;
     report.timing.insert("mission_s".into(), start.elapsed().as_secs_f64());
+    if unit != 1.0 {
+        into_metres(&mut report, unit);
+    }
+    if let Some(path) = state {
+        std::fs::remove_file(path).map_err(|source| Error::io(path, source))?;
+    }
     Ok(report)
 }
 
 /// Seconds of a closing step where the data do not tell how long a step takes.
 const PAUSE_WITHOUT_CLOCK: f64 = 10.0;
 
-struct Team<'a> {
-    recordings: &'a [Recording],
-    robots: Vec<Robot>,
-    modem: Modem,
+/// The robots of a mission and the link between them.
+pub(crate) struct Team<'a> {
+    pub(crate) recordings: &'a [Recording],
+    pub(crate) robots: Vec<Robot>,
+    pub(crate) modem: Modem,
     /// Seconds from the start of the mission.
-    now: f64,
+    pub(crate) now: f64,
     /// Seconds of a step without keyframes.
     pause: f64,
+    /// Metres in the unit of length of the recordings.
+    unit: f64,
+    /// Steps done.
+    pub(crate) steps: u64,
+    /// Tells missions apart, so that none goes on from the state of another.
+    data_hash: [u8; 32],
+}
+
+/// A mission after a complete step, as its state file holds it.
+#[derive(Serialize, Deserialize)]
+struct SavedTeam<R, M> {
+    mission: [u8; 32],
+    steps: u64,
+    now: f64,
+    robots: R,
+    modem: M,
 }
 
 impl<'a> Team<'a> {
-    fn new(data: &'a MissionData, params: &MissionParams) -> Self {
+    /// The mission over `data` that the file `path` holds the state of.
+    fn resume(data: &'a MissionData, params: &MissionParams, path: &Path) -> Result<Self, Error> {
+        let bytes = std::fs::read(path).map_err(|source| Error::io(path, source))?;
+        let mut team = Team::new(data, params)?;
+        let saved: SavedTeam<Vec<Robot>, Modem> = state::from_bytes(&bytes)?;
+        if saved.mission != team.hash(params) || saved.robots.len() != team.robots.len() {
+            let reason = format!("{} is the state of another mission, or of other settings", path.display());
+            return Err(Error::State { reason });
+        }
+        (team.steps, team.now, team.robots, team.modem) = (saved.steps, saved.now, saved.robots, saved.modem);
+        team.robots.iter_mut().for_each(|robot| robot.set_params(params.robot.clone()));
+        team.modem.set_params(params.modem.clone());
+        Ok(team)
+    }
+
+    fn save(&self, params: &MissionParams, path: &Path) -> Result<(), Error> {
+        let mission = self.hash(params);
+        let (robots, modem) = (&self.robots, &self.modem);
+        let saved = SavedTeam { mission, steps: self.steps, now: self.now, robots, modem };
+        state::write_whole(path, &state::to_bytes(&saved)?)
+    }
+
+    fn hash(&self, params: &MissionParams) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&self.data_hash);
+        hasher.update(format!("{params:?}").as_bytes());
+        *hasher.finalize().as_bytes()
+    }
+
+    pub(crate) fn new(data: &'a MissionData, params: &MissionParams) -> Result<Self, Error> {
         let recordings = &data.recordings;
         let ids: Vec<_> = recordings.iter().map(|r| r.robot).collect();
         let duration = recordings.iter().map(|r| elapsed(r, r.keyframes.len() - 1)).fold(0.0, f64::max);
-        Team {
+        let keyframes: Vec<_> = recordings.iter().map(|r| (r.robot, &r.keyframes)).collect();
+        let data_bytes =
+            postcard::to_stdvec(&keyframes).map_err(|e| Error::State { reason: e.to_string() })?;
+        Ok(Team {
+            steps: 0,
+            unit: 1.0,
+            data_hash: *blake3::hash(&data_bytes).as_bytes(),
             recordings,
             robots: ids.iter().map(|&id| Robot::new(id, params.robot.clone())).collect(),
-            modem: Modem::new(&params.modem, ids.iter().copied()),
+            modem: Modem::new(&params.modem, ids.iter().copied(), params.robot.transport.mtu)?,
             now: 0.0,
             pause: if duration > 0.0 {
                 duration / step_count(data).max(1) as f64
             } else {
                 PAUSE_WITHOUT_CLOCK
             },
-        }
+        })
     }
 
     /// One step; `index` is the keyframe every robot gets that has it. Returns whether nothing is left to do.
-    fn step(&mut self, index: Option<usize>) -> Result<bool, Error> {
-        self.now = match index {
+    pub(crate) fn step(&mut self, index: Option<usize>) -> Result<bool, Error> {
+        let now = match index {
             Some(index) => self.recordings.iter().map(|r| elapsed(r, index)).fold(self.now, f64::max),
             None => self.now + self.pause,
         };
-        let mut inbox: BTreeMap<u32, Vec<Vec<u8>>> = BTreeMap::new();
-        for delivery in self.modem.receive(self.now) {
-            inbox.entry(delivery.receiver).or_default().push(delivery.bytes);
+        // between two keyframes robots only keep the link going, once in every round of the channel
+        let rounds = ((now - self.now) / self.modem.cycle_s()).ceil() as usize;
+        let (last, length) = (self.now, now - self.now);
+        for round in 1..rounds {
+            self.advance(last + length * round as f64 / rounds as f64, |robot, _, now| robot.tick(now))?;
         }
-        let now = self.now;
-        // robots meet only over the link, so they may act at the same time without changing the result
-        let results: Vec<_> = std::thread::scope(|scope| {
-            let handles: Vec<_> = self
-                .robots
-                .iter_mut()
-                .zip(self.recordings)
-                .map(|(robot, recording)| {
-                    let keyframe = index.and_then(|i| recording.keyframes.get(i));
-                    let frames = inbox.remove(&robot.id()).unwrap_or_default();
-                    scope.spawn(move || {
-                        if let Some(keyframe) = keyframe {
-                            robot.add_keyframe(keyframe)?;
-                        }
-                        for bytes in &frames {
-                            robot.receive(bytes);
-                        }
-                        robot.step(now)
-                    })
-                })
-                .collect();
-            handles.into_iter().map(|handle| handle.join()).collect()
-        });
-        let mut silent = true;
-        for (robot, result) in self.robots.iter().zip(results) {
-            let frames = result.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-            for frame in frames {
-                silent = false;
-                self.modem.send(self.now, robot.id(), frame);
+        let unit = self.unit;
+        let place = |r: &Recording| {
+            let truth = r.truth.get(index?.min(r.truth.len().checked_sub(1)?))?.as_ref()?;
+            Some(Point2::from(truth.translation.vector * unit))
+        };
+        for recording in self.recordings.iter().filter(|_| index.is_some()) {
+            self.modem.place(recording.robot, place(recording));
+        }
+        let silent = self.advance(now, |robot, recording, now| {
+            if let Some(keyframe) = index.and_then(|i| recording.keyframes.get(i)) {
+                robot.add_keyframe(keyframe)?;
             }
-        }
-        Ok(silent && self.modem.waiting_bits() == 0)
+            robot.step(now)
+        })?;
+        self.steps += 1;
+        let settled = self.robots.iter().all(|robot| robot.is_settled(now));
+        Ok(silent && settled && self.modem.is_idle())
     }
 
-    fn merged_count(&self) -> usize {
+    /// Moves the clock to `now`, delivers what has arrived, lets every robot act and hands over what it sends. Returns
+    /// whether nobody sent anything.
+    fn advance(
+        &mut self,
+        now: f64,
+        act: impl Fn(&mut Robot, &Recording, f64) -> Result<Vec<Outgoing>, Error> + Sync,
+    ) -> Result<bool, Error> {
+        self.now = now;
+        let mut inbox: BTreeMap<u32, Vec<Vec<u8>>> = BTreeMap::new();
+        for delivery in self.modem.receive(now) {
+            inbox.entry(delivery.receiver).or_default().push(delivery.bytes);
+        }
+        // robots meet only over the link, so they may act at the same time without changing the result
+        let sent: Vec<Result<Vec<Outgoing>, Error>> = self
+            .robots
+            .par_iter_mut()
+            .zip(self.recordings)
+            .map(|(robot, recording)| {
+                for bytes in inbox.get(&robot.id()).into_iter().flatten() {
+                    robot.receive(bytes);
+                }
+                act(robot, recording, now)
+            })
+            .collect();
+        let mut silent = true;
+        for (robot, packets) in self.robots.iter().zip(sent) {
+            for packet in packets? {
+                silent = false;
+                self.modem.send(now, robot.id(), packet)?;
+            }
+        }
+        Ok(silent)
+    }
+
+    pub(crate) fn merged_count(&self) -> usize {
         self.reference().map_or(0, |robot| robot.team().robots().count())
     }
 
@@ -185,7 +302,7 @@ impl<'a> Team<'a> {
             .max_by(|a, b| seen(a).cmp(&seen(b)).then(b.id().cmp(&a.id())))
     }
 
-    fn report(&self, data: &MissionData, params: &MissionParams) -> Result<RunReport, Error> {
+    pub(crate) fn report(&self, data: &MissionData, params: &MissionParams) -> Result<RunReport, Error> {
         let reference = self.reference();
         let mut report = RunReport {
             scenario: data.name.clone(),
@@ -204,7 +321,7 @@ impl<'a> Team<'a> {
         log.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.sender.cmp(&b.sender)));
         report.traffic = log
             .iter()
-            .map(|t| Traffic { time: t.time, robot: t.sender, kind: t.kind.into(), bits: t.bits })
+            .map(|t| Traffic { time: t.time, robot: t.sender, kind: t.kind.to_string(), bits: t.bits })
             .collect();
         report.settings.push(("optimisation".into(), params.robot.optimisation.to_string()));
         if let Some(robot) = reference {
@@ -240,6 +357,7 @@ fn robot_report(
         truth: recording.truth.clone(),
         points: recording.keyframes.iter().map(|k| k.points.clone()).collect(),
         own_closures: robot.own_closures(),
+        refused: robot.refusals().iter().map(|(refusal, count)| (refusal.name().to_owned(), count)).collect(),
         matched: robot.alignment_reports(),
     })
 }

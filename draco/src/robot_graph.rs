@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use draco_consistency::Trajectory2;
 use draco_pgo::{Gauge, Kernel, Key, Marginals, PoseGraph2, SolveParams, solve};
 use nalgebra::Isometry2;
+use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::keyframe::RobotId;
@@ -18,7 +19,7 @@ use crate::message::{FactorEntry, GraphUpdate};
 pub const LOOP_KERNEL: Kernel = Kernel::Cauchy(1.0);
 
 /// The factors of one robot's own graph and the map they make; the first keyframe is the origin.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct RobotGraph {
     factors: BTreeMap<(u32, u32), FactorEntry>,
     poses: Vec<Isometry2<f64>>,

@@ -8,6 +8,7 @@ use draco_lie::LieGroup;
 use draco_pgo::distributed::{Link, Neighbour, TwoStepVariant, two_step};
 use draco_pgo::{Kernel, Key, PoseGraph2, SolveParams, solve};
 use nalgebra::{Isometry2, Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::keyframe::RobotId;
@@ -18,7 +19,7 @@ use crate::robot_graph::RobotGraph;
 pub const CLOSURE_KERNEL: Kernel = Kernel::Cauchy(1.0);
 
 /// Poses of several robots in the map frame of one of them.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct TeamEstimate {
     trajectories: BTreeMap<RobotId, Vec<Isometry2<f64>>>,
 }

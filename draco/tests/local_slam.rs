@@ -35,7 +35,12 @@ fn every_robot_alone_stays_below_the_bar_on_the_real_recording() {
         let odometry = recording.keyframes.iter().map(|keyframe| &keyframe.odometry);
         let drift = absolute_trajectory_error(odometry, &recording.truth).expect("truth").rmse_m;
         let error = absolute_trajectory_error(slam.poses(), &recording.truth).expect("truth");
-        let loops = slam.factors().iter().filter(|factor| factor.kind == FactorKind::Loop).count();
+        let loops = slam
+            .factors()
+            .expect("a sound map")
+            .iter()
+            .filter(|factor| factor.kind == FactorKind::Loop)
+            .count();
         println!(
             "robot {}: {:.2} m (dead reckoning {drift:.2} m), {loops} loops, odometry scale {:.3}",
             recording.robot,

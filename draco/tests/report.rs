@@ -93,9 +93,23 @@ fn a_written_run_is_whole_and_replaces_an_older_one() {
         .map(|e| e.expect("entry").file_name().into_string().expect("text"))
         .collect();
     names.sort();
-    let expected =
-        ["graph.g2o", "map.svg", "report.html", "summary.json", "trajectory_7.tum", "trajectory_9.tum"];
+    let expected = [
+        "graph.g2o",
+        "map.svg",
+        "points.ply",
+        "report.html",
+        "summary.json",
+        "traffic.csv",
+        "trajectory_7.tum",
+        "trajectory_9.tum",
+    ];
     assert_eq!(names, expected);
+    let text = |name: &str| std::fs::read_to_string(out.join(name)).expect("written");
+    let ply = text("points.ply");
+    assert!(ply.contains("element vertex 10\n"), "{ply}");
+    // the point 4 m ahead and 1 m to port of the robot's first pose, which is at (3, -2) and looks along y
+    assert!(ply.contains("end_header\n2.000 2.000 0 7 0\n"), "{ply}");
+    assert_eq!(text("traffic.csv"), "time,robot,kind,bits\n1,7,scan,1000\n1,7,scan,24\n1,9,objects,8\n");
     let beside = std::fs::read_dir(folder.path().join("deep")).expect("there").count();
     assert_eq!(beside, 1, "no staging folder is left");
     let tum = std::fs::read_to_string(out.join("trajectory_9.tum")).expect("there");

@@ -5,8 +5,11 @@
 //! rest on one idea: a wrong alignment of a repetitive place has rivals, and under it scans do not register.
 
 mod consensus;
+mod objects;
 
 use std::collections::BTreeSet;
+use std::fmt;
+use std::str::FromStr;
 
 use draco_registration::correlative::{MapAlignmentParams, MapMode, align_maps};
 use nalgebra::{Isometry2, Point2};
@@ -15,10 +18,48 @@ use crate::error::Error;
 use crate::message::CellMap;
 
 pub use consensus::{Opinion, consensus};
+pub use objects::{ObjectMatcher, align_objects};
+
+/// What of two maps is compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MapKind {
+    /// Persistent cells, by correlation over all headings.
+    #[default]
+    Cells,
+    /// Objects cut to bounded segments, by consensus: fewer bits, and enough where things stand apart.
+    Segments,
+    /// Whole objects by spectral matching, as the published system's code does: the baseline. On a long quay the middle
+    /// of an object depends on what was seen of it, and the matching fails.
+    Objects,
+}
+
+impl MapKind {
+    /// All kinds with their names on the command line.
+    pub const ALL: [(MapKind, &'static str); 3] =
+        [(MapKind::Cells, "cells"), (MapKind::Segments, "segments"), (MapKind::Objects, "objects")];
+}
+
+impl fmt::Display for MapKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(MapKind::ALL.iter().find(|(kind, _)| kind == self).map_or("", |(_, name)| name))
+    }
+}
+
+impl FromStr for MapKind {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names = MapKind::ALL.map(|(_, name)| name).join(", ");
+        let found = MapKind::ALL.iter().find(|(_, name)| *name == text);
+        found.map(|(kind, _)| *kind).ok_or_else(|| format!("no such maps; there are {names}"))
+    }
+}
 
 /// When an alignment is considered and when it is believed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlignmentParams {
+    /// What is compared. Default cells.
+    pub maps: MapKind,
     /// The search. Default with fits kept apart from 4 m, two cells: a place that repeats every few metres has its rival
     /// fits there, and a fit that swallows its rivals hides that the answer is ambiguous.
     pub search: MapAlignmentParams,
@@ -47,6 +88,7 @@ pub struct AlignmentParams {
 impl Default for AlignmentParams {
     fn default() -> Self {
         AlignmentParams {
+            maps: MapKind::default(),
             search: MapAlignmentParams { separate_distance: 4.0, modes: 10, ..MapAlignmentParams::default() },
             min_cells: 40,
             conflict_weight: 2.0,

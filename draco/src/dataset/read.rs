@@ -14,8 +14,9 @@ use crate::keyframe::{Keyframe, MissionData, Recording, RobotId};
 const LARGEST_TIME: f64 = 1e11;
 /// Largest coordinate of a pose, metres; national grids are below.
 const LARGEST_POSE: f64 = 1e7;
-/// Largest coordinate of a point in the sensor frame, metres; imaging sonars see 1 to 200 m.
-const LARGEST_POINT: f64 = 1e3;
+/// Largest coordinate of a point in the sensor frame, metres: imaging sonars see 1 to 200 m. A point far beyond would
+/// only tell later, and without its line, by a map too large to be matched.
+const LARGEST_POINT: f64 = 300.0;
 
 /// Disagreement of two heading increments below which they are one measurement written twice, radians: ten times
 /// the rounding of a table with four decimals.

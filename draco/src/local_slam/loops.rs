@@ -3,12 +3,13 @@ use draco_lie::LieGroup;
 use draco_pgo::Marginals;
 use draco_registration::correlative::{Start, Target};
 use nalgebra::{Isometry2, Matrix3};
+use serde::{Deserialize, Serialize};
 
 use super::{LocalSlam, key};
 use crate::Error;
 
 /// A place seen again within the robot's own map.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct OwnClosure {
     /// The later keyframe, which is measured.
     pub(super) source: usize,
@@ -17,6 +18,15 @@ pub(super) struct OwnClosure {
     pub(super) measured: Isometry2<f64>,
     pub(super) covariance: Matrix3<f64>,
     pub(super) accepted: bool,
+}
+
+impl OwnClosure {
+    /// The inverse of the covariance.
+    pub(super) fn information(&self) -> Result<Matrix3<f64>, Error> {
+        let (from, to) = (self.target as u32, self.source as u32);
+        let information = self.covariance.cholesky().ok_or(Error::LocalCovariance { from, to })?.inverse();
+        Ok((information + information.transpose()) * 0.5)
+    }
 }
 
 impl LocalSlam {
@@ -93,7 +103,8 @@ impl LocalSlam {
 
     /// Lets PCM choose among all closures found so far.
     pub(super) fn judge_loops(&mut self) -> Result<(), Error> {
-        let steps: Vec<_> = self.factors().into_iter().take(self.steps.len()).map(|f| f.covariance).collect();
+        let steps: Vec<_> =
+            self.factors()?.into_iter().take(self.steps.len()).map(|f| f.covariance).collect();
         let trajectory = Trajectory2::from_steps(self.poses.clone(), &steps)?;
         let mut trajectories = Trajectories2::new();
         trajectories.insert(0, trajectory);

@@ -14,6 +14,7 @@ use draco_lie::LieGroup;
 use draco_pgo::{Gauge, Kernel, Key, Marginals, PoseGraph2, SolveParams, solve};
 use draco_registration::correlative::{Start, Target};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
+use serde::{Deserialize, Serialize};
 
 pub use params::{LocalSlamParams, LoopParams};
 pub use submap::merge;
@@ -70,15 +71,16 @@ pub struct StepReport {
 }
 
 /// One step from a keyframe to the next.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct Step {
     odometry: Isometry2<f64>,
     scan: Option<ScanFactor>,
 }
 
 /// SLAM of one robot by itself. The first keyframe is the origin of its map.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct LocalSlam {
+    #[serde(skip)]
     params: LocalSlamParams,
     keyframes: Vec<Keyframe>,
     poses: Vec<Isometry2<f64>>,
@@ -99,6 +101,11 @@ impl LocalSlam {
             closures: Vec::new(),
             scale: 1.0,
         }
+    }
+
+    /// Settings are no part of a saved state.
+    pub(crate) fn set_params(&mut self, params: LocalSlamParams) {
+        self.params = params;
     }
 
     /// Takes in the next keyframe; its index has to be the number of keyframes so far.
@@ -213,7 +220,7 @@ impl LocalSlam {
         }
         for closure in self.closures.iter().filter(|closure| closure.accepted) {
             let kernel = Kernel::Cauchy(self.params.loops.cauchy);
-            let information = information_of(&closure.covariance);
+            let information = closure.information()?;
             graph.add_between(
                 key(closure.target),
                 key(closure.source),
@@ -262,8 +269,17 @@ impl LocalSlam {
         self.scale
     }
 
+    /// Loop closures in the map, as (earlier, later) keyframe.
+    pub fn loop_closures(&self) -> Vec<(u32, u32)> {
+        let accepted = self.closures.iter().filter(|closure| closure.accepted);
+        accepted.map(|c| (c.target.min(c.source) as u32, c.target.max(c.source) as u32)).collect()
+    }
+
     /// The measurements of the map: one a step, with the calibration of the moment, then the accepted closures.
-    pub fn factors(&self) -> Vec<LocalFactor> {
+    ///
+    /// # Errors
+    /// [`Error::LocalCovariance`] for a step whose information cannot be inverted.
+    pub fn factors(&self) -> Result<Vec<LocalFactor>, Error> {
         let prior = self.odometry_covariance();
         let steps = self.steps.iter().enumerate().map(|(k, step)| {
             let odometry = scaled(&step.odometry, self.scale);
@@ -273,30 +289,26 @@ impl LocalSlam {
                     // same optimum.
                     let relative = self.poses[k].between(&self.poses[k + 1]);
                     let weighed = scan.weighed(&relative, self.params.step_cauchy);
-                    let (measured, covariance) = weighed.fused(&odometry, &prior);
+                    let (from, to) = (k as u32, k as u32 + 1);
+                    let (measured, covariance) =
+                        weighed.fused(&odometry, &prior).ok_or(Error::LocalCovariance { from, to })?;
                     (measured, covariance, FactorKind::Match)
                 }
                 None => (odometry, prior, FactorKind::Odometry),
             };
-            LocalFactor { from: k as u32, to: k as u32 + 1, measured, covariance, kind }
+            Ok(LocalFactor { from: k as u32, to: k as u32 + 1, measured, covariance, kind })
         });
-        let closures = self.closures.iter().filter(|closure| closure.accepted).map(|closure| LocalFactor {
-            from: closure.target as u32,
-            to: closure.source as u32,
-            measured: closure.measured,
-            covariance: closure.covariance,
-            kind: FactorKind::Loop,
+        let closures = self.closures.iter().filter(|closure| closure.accepted).map(|closure| {
+            Ok(LocalFactor {
+                from: closure.target as u32,
+                to: closure.source as u32,
+                measured: closure.measured,
+                covariance: closure.covariance,
+                kind: FactorKind::Loop,
+            })
         });
         steps.chain(closures).collect()
     }
-}
-
-/// The inverse of a covariance; none where it has none.
-fn information_of(covariance: &Matrix3<f64>) -> Matrix3<f64> {
-    covariance.cholesky().map_or_else(Matrix3::zeros, |factored| {
-        let information = factored.inverse();
-        (information + information.transpose()) * 0.5
-    })
 }
 
 fn key(k: usize) -> Key {

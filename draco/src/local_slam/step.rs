@@ -1,13 +1,14 @@
 use draco_lie::LieGroup;
 use draco_registration::correlative::CorrelativeMatch;
 use nalgebra::{Isometry2, Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Least ratio of the scan's own information to that of odometry for a direction to count as seen.
 const SEEN: f64 = 0.2;
 
 /// What a scan alone says about a step, odometry taken out again: a Gaussian that may know nothing in some
 /// directions.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct ScanFactor {
     /// Pose of the new keyframe in the one before.
     pub(super) measured: Isometry2<f64>,
@@ -52,18 +53,15 @@ impl ScanFactor {
         Self { information: self.information / (1.0 + chi2 / (scale * scale)), ..*self }
     }
 
-    /// The product of this and odometry: pose and covariance.
+    /// The product of this and odometry: pose and covariance. `None` when the sum of both informations has no inverse.
     pub(super) fn fused(
         &self,
         odometry: &Isometry2<f64>,
         prior: &Matrix3<f64>,
-    ) -> (Isometry2<f64>, Matrix3<f64>) {
-        let fused = prior
-            .try_inverse()
-            .and_then(|information| (information + self.information).try_inverse())
-            .unwrap_or(*prior);
+    ) -> Option<(Isometry2<f64>, Matrix3<f64>)> {
+        let fused = (prior.try_inverse()? + self.information).try_inverse()?;
         let offset = fused * self.information * self.measured.minus(odometry);
-        (odometry.plus(&offset), fused)
+        Some((odometry.plus(&offset), fused))
     }
 }
 
@@ -85,7 +83,7 @@ mod tests {
             at_border: false,
         };
         let scan = ScanFactor::without_prior(&found, &start, &prior).unwrap();
-        let (pose, fused) = scan.fused(&start, &prior);
+        let (pose, fused) = scan.fused(&start, &prior).unwrap();
         assert!(pose.minus(&found.target_from_source).norm() < 1e-3, "{pose}");
         assert!((fused - covariance).norm() < 1e-9, "{fused}");
     }

@@ -1,26 +1,24 @@
 //! What robots say to each other, to the byte.
 //!
-//! A [`Frame`] is what crosses the link: sender, receiver, sequence number, one [`Message`], a checksum. Lengths are
-//! metres, angles radians and points metres on this side; on the wire everything is a whole number (see
-//! [`Resolution`]), so a decoded message is the quantised one. The bits of a message are eight times the bytes of its
-//! frame, nothing is left uncounted.
-//!
-//! Layout: one version byte, the fields in the compact variable-length coding of the `postcard` crate, then the
-//! CRC-32 of all that in four bytes, little end first. A frame with a wrong checksum, an unknown version, left-over
-//! bytes or an impossible value is refused with a [`WireError`] that says which.
+//! A [`Frame`] is one [`Message`] and whom it is for. Lengths are metres, angles radians and points metres on this side;
+//! on the wire everything is a whole number (see [`Resolution`]) in the compact variable-length coding of the `postcard`
+//! crate, so a decoded message is the quantised one. Bytes that do not parse, are left over or say what cannot be are
+//! refused with a [`WireError`] that says which. The packets that carry a frame, their version, numbers and tags, are in
+//! [`transport`](crate::transport).
 
 mod frame;
 mod quantise;
 
-pub use frame::{BROADCAST, Frame, VERSION, WireError};
+pub use frame::{BROADCAST, Frame, WireError};
 pub use quantise::Resolution;
 
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
+use serde::{Deserialize, Serialize};
 
 use crate::keyframe::RobotId;
 
 /// One keyframe of one robot, as messages name it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct KeyframeId {
     /// The robot.
     pub robot: RobotId,
@@ -29,7 +27,7 @@ pub struct KeyframeId {
 }
 
 /// An object of the sender's map.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ObjectEntry {
     /// The sender's number of the object.
     pub id: u32,
@@ -66,8 +64,38 @@ impl CellMap {
     }
 }
 
-/// A relative-pose measurement inside the sender's own pose graph.
+/// What changed in the sender's object map since its last version.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ObjectUpdate {
+    /// Counts the sender's updates; applies to the version before this one.
+    pub version: u32,
+    /// Whether this is the whole map, which applies to any version.
+    pub whole: bool,
+    /// New objects, and ones that have moved or changed their size.
+    pub changed: Vec<ObjectEntry>,
+    /// Numbers of objects that are no more.
+    pub removed: Vec<u32>,
+}
+
+/// What changed in the sender's persistent cells since its last version.
 #[derive(Debug, Clone, PartialEq)]
+pub struct CellUpdate {
+    /// Counts the sender's updates; applies to the version before this one.
+    pub version: u32,
+    /// Whether this is the whole map, which applies to any version.
+    pub whole: bool,
+    /// Edge of a cell, metres; sent in centimetres.
+    pub size: f64,
+    /// Number of the sender's keyframes that the map is made of.
+    pub keyframes: u32,
+    /// Cells that were not occupied before.
+    pub added: Vec<[i32; 2]>,
+    /// Cells that no longer are.
+    pub removed: Vec<[i32; 2]>,
+}
+
+/// A relative-pose measurement inside the sender's own pose graph.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FactorEntry {
     /// Keyframe the measurement is expressed in.
     pub from: u32,
@@ -91,7 +119,7 @@ pub struct GraphUpdate {
 }
 
 /// A loop closure between two robots.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ClosureEntry {
     /// The keyframe that is measured.
     pub source: KeyframeId,
@@ -106,10 +134,10 @@ pub struct ClosureEntry {
 /// The contents of a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Message {
-    /// The sender's object map.
-    Objects(Vec<ObjectEntry>),
-    /// The sender's persistent cells.
-    Cells(CellMap),
+    /// What is new in the sender's object map.
+    Objects(ObjectUpdate),
+    /// What is new in the sender's persistent cells.
+    Cells(CellUpdate),
     /// What changed in the sender's pose graph.
     Graph(GraphUpdate),
     /// "Send me these keyframes' points."
@@ -128,6 +156,8 @@ pub enum Message {
         /// Closures withdrawn, by source and target.
         retracted: Vec<(KeyframeId, KeyframeId)>,
     },
+    /// "Your map updates do not fit together; send me the whole maps."
+    MapRequest,
 }
 
 impl Message {
@@ -140,6 +170,7 @@ impl Message {
             Message::ScanRequest(_) => "scan_request",
             Message::Scan { .. } => "scan",
             Message::Closures { .. } => "closures",
+            Message::MapRequest => "map_request",
         }
     }
 }

@@ -5,7 +5,10 @@ use std::collections::BTreeSet;
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::{CellMap, ClosureEntry, FactorEntry, GraphUpdate, KeyframeId, Message, ObjectEntry, WireError};
+use super::{
+    CellUpdate, ClosureEntry, FactorEntry, GraphUpdate, KeyframeId, Message, ObjectEntry, ObjectUpdate,
+    WireError,
+};
 
 /// Step sizes of everything that is quantised. They are part of the wire format: both ends must agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,12 +93,13 @@ pub(super) struct WireClosure {
 
 #[derive(Serialize, Deserialize)]
 pub(super) enum WireMessage {
-    Objects(Vec<WireObject>),
-    Cells { size_cm: u32, keyframes: u32, cells: WireCells },
+    Objects { version: u32, whole: bool, changed: Vec<WireObject>, removed: Vec<u32> },
+    Cells { version: u32, whole: bool, size_cm: u32, keyframes: u32, added: WireCells, removed: WireCells },
     Graph { keyframes: u32, factors: Vec<WireFactor>, removed: Vec<(u32, u32)> },
     ScanRequest(Vec<u32>),
     Scan { keyframe: u32, cells: WireCells },
     Closures { accepted: Vec<WireClosure>, retracted: Vec<(WireId, WireId)> },
+    MapRequest,
 }
 
 fn steps(value: f64, step: f64, what: &'static str) -> Result<i32, WireError> {
@@ -105,8 +109,16 @@ fn steps(value: f64, step: f64, what: &'static str) -> Result<i32, WireError> {
     Ok((value / step).round() as i32)
 }
 
-fn sigma_step(sigma: f64) -> u8 {
-    ((sigma / Resolution::SIGMA_MIN).ln() / Resolution::SIGMA_RATIO.ln()).round().clamp(0.0, 255.0) as u8
+/// A whole number of steps back to a length or an angle.
+fn length(steps: i32, step: f64, what: &'static str) -> Result<f64, WireError> {
+    let value = f64::from(steps) * step;
+    if value.abs() <= MAX_LENGTH_M { Ok(value) } else { Err(WireError::Value { what }) }
+}
+
+/// The nearest step; a sigma below the smallest is sent as that, which claims less than is known.
+fn sigma_step(sigma: f64) -> Result<u8, WireError> {
+    let step = ((sigma / Resolution::SIGMA_MIN).ln() / Resolution::SIGMA_RATIO.ln()).round().max(0.0);
+    if step <= 255.0 { Ok(step as u8) } else { Err(WireError::Value { what: "a sigma above 280" }) }
 }
 
 impl WirePose {
@@ -118,9 +130,10 @@ impl WirePose {
         })
     }
 
-    fn pose(&self) -> Isometry2<f64> {
-        let t = Vector2::new(f64::from(self.x), f64::from(self.y)) * Resolution::POSITION_M;
-        Isometry2::new(t, f64::from(self.theta) * Resolution::ANGLE_RAD)
+    fn pose(&self) -> Result<Isometry2<f64>, WireError> {
+        let x = length(self.x, Resolution::POSITION_M, "x of a pose")?;
+        let y = length(self.y, Resolution::POSITION_M, "y of a pose")?;
+        Ok(Isometry2::new(Vector2::new(x, y), f64::from(self.theta) * Resolution::ANGLE_RAD))
     }
 }
 
@@ -137,7 +150,8 @@ impl WireCovariance {
         let r13 = l[(2, 0)] / sigmas[2];
         let r23 = l[(2, 1)] / sigmas[2] / (1.0 - r13 * r13).sqrt().max(1e-9);
         let partial = [r12, r13, r23].map(|r| (r * 127.0).round().clamp(-126.0, 126.0) as i8);
-        Ok(WireCovariance { sigmas: sigmas.map(sigma_step), partial })
+        let [x, y, theta] = sigmas.map(sigma_step);
+        Ok(WireCovariance { sigmas: [x?, y?, theta?], partial })
     }
 
     fn matrix(&self) -> Matrix3<f64> {
@@ -181,9 +195,10 @@ impl WireCells {
         WireCells { first_row, rows }
     }
 
-    /// The cells again, ascending in row and then column.
-    fn cells(&self) -> Result<Vec<[i32; 2]>, WireError> {
-        let error = || WireError::Value { what: "a cell outside the range of the grid" };
+    /// The cells, of edge `size` metres, again, ascending in row and then column.
+    fn cells(&self, size: f64) -> Result<Vec<[i32; 2]>, WireError> {
+        let error = || WireError::Value { what: "a cell too far out" };
+        let is_far = |index: i32| f64::from(index).abs() * size > MAX_LENGTH_M;
         let mut cells = Vec::new();
         let mut row = self.first_row;
         for entry in &self.rows {
@@ -195,6 +210,9 @@ impl WireCells {
                     column.checked_add_unsigned(*gap).and_then(|c| c.checked_add(1)).ok_or_else(error)?;
                 cells.push([column, row]);
             }
+        }
+        if cells.iter().flatten().any(|index| is_far(*index)) {
+            return Err(error());
         }
         Ok(cells)
     }
@@ -215,16 +233,22 @@ impl WireId {
 impl WireMessage {
     pub(super) fn new(message: &Message) -> Result<Self, WireError> {
         Ok(match message {
-            Message::Objects(objects) => {
-                WireMessage::Objects(objects.iter().map(object_to_wire).collect::<Result<_, _>>()?)
-            }
-            Message::Cells(map) => WireMessage::Cells {
-                size_cm: u32::try_from(steps(map.size, 0.01, "the size of a cell")?)
+            Message::Objects(update) => WireMessage::Objects {
+                version: update.version,
+                whole: update.whole,
+                changed: update.changed.iter().map(object_to_wire).collect::<Result<_, _>>()?,
+                removed: update.removed.clone(),
+            },
+            Message::Cells(update) => WireMessage::Cells {
+                version: update.version,
+                whole: update.whole,
+                size_cm: u32::try_from(steps(update.size, 0.01, "the size of a cell")?)
                     .ok()
                     .filter(|size| *size > 0)
                     .ok_or(WireError::Value { what: "the size of a cell" })?,
-                keyframes: map.keyframes,
-                cells: WireCells::new(map.cells.iter().copied()),
+                keyframes: update.keyframes,
+                added: WireCells::new(update.added.iter().copied()),
+                removed: WireCells::new(update.removed.iter().copied()),
             },
             Message::Graph(update) => WireMessage::Graph {
                 keyframes: update.keyframes,
@@ -247,18 +271,26 @@ impl WireMessage {
                     .map(|(source, target)| Ok((WireId::new(*source)?, WireId::new(*target)?)))
                     .collect::<Result<_, WireError>>()?,
             },
+            Message::MapRequest => WireMessage::MapRequest,
         })
     }
 
     pub(super) fn message(&self) -> Result<Message, WireError> {
         Ok(match self {
-            WireMessage::Objects(objects) => Message::Objects(objects.iter().map(object_from_wire).collect()),
-            WireMessage::Cells { size_cm, keyframes, cells } => {
+            WireMessage::Objects { version, whole, changed, removed } => Message::Objects(ObjectUpdate {
+                version: *version,
+                whole: *whole,
+                changed: changed.iter().map(object_from_wire).collect::<Result<_, _>>()?,
+                removed: removed.clone(),
+            }),
+            WireMessage::Cells { version, whole, size_cm, keyframes, added, removed } => {
                 if *size_cm == 0 || f64::from(*size_cm) * 0.01 > MAX_LENGTH_M {
                     return Err(WireError::Value { what: "the size of a cell" });
                 }
                 let size = f64::from(*size_cm) * 0.01;
-                Message::Cells(CellMap { size, keyframes: *keyframes, cells: cells.cells()? })
+                let (added, removed) = (added.cells(size)?, removed.cells(size)?);
+                let (version, whole, keyframes) = (*version, *whole, *keyframes);
+                Message::Cells(CellUpdate { version, whole, size, keyframes, added, removed })
             }
             WireMessage::Graph { keyframes, factors, removed } => {
                 let out_of_range = factors.iter().any(|f| f.from.max(f.to) >= *keyframes || f.from == f.to);
@@ -269,19 +301,21 @@ impl WireMessage {
                 }
                 Message::Graph(GraphUpdate {
                     keyframes: *keyframes,
-                    factors: factors.iter().map(factor_from_wire).collect(),
+                    factors: factors.iter().map(factor_from_wire).collect::<Result<_, _>>()?,
                     removed: removed.clone(),
                 })
             }
             WireMessage::ScanRequest(keyframes) => Message::ScanRequest(keyframes.clone()),
             WireMessage::Scan { keyframe, cells } => {
                 let point = |[x, y]: [i32; 2]| Point2::new(f64::from(x), f64::from(y)) * Resolution::SCAN_M;
-                Message::Scan { keyframe: *keyframe, points: cells.cells()?.into_iter().map(point).collect() }
+                let cells = cells.cells(Resolution::SCAN_M)?;
+                Message::Scan { keyframe: *keyframe, points: cells.into_iter().map(point).collect() }
             }
             WireMessage::Closures { accepted, retracted } => Message::Closures {
-                accepted: accepted.iter().map(closure_from_wire).collect(),
+                accepted: accepted.iter().map(closure_from_wire).collect::<Result<_, _>>()?,
                 retracted: retracted.iter().map(|(source, target)| (source.id(), target.id())).collect(),
             },
+            WireMessage::MapRequest => Message::MapRequest,
         })
     }
 }
@@ -301,10 +335,14 @@ fn object_to_wire(object: &ObjectEntry) -> Result<WireObject, WireError> {
     })
 }
 
-fn object_from_wire(object: &WireObject) -> ObjectEntry {
-    let [x, y] = object.centroid.map(|c| f64::from(c) * Resolution::OBJECT_M);
-    let [length, breadth] = object.sides.map(|s| f64::from(s) * Resolution::OBJECT_M);
-    ObjectEntry { id: object.id, centroid: Point2::new(x, y), length, breadth }
+fn object_from_wire(object: &WireObject) -> Result<ObjectEntry, WireError> {
+    let [x, y] = object.centroid.map(|c| length(c, Resolution::OBJECT_M, "the centre of an object"));
+    let side = |s: u32| {
+        let what = "a side of an object";
+        length(i32::try_from(s).map_err(|_| WireError::Value { what })?, Resolution::OBJECT_M, what)
+    };
+    let [long, short] = object.sides.map(side);
+    Ok(ObjectEntry { id: object.id, centroid: Point2::new(x?, y?), length: long?, breadth: short? })
 }
 
 fn factor_to_wire(factor: &FactorEntry) -> Result<WireFactor, WireError> {
@@ -316,9 +354,9 @@ fn factor_to_wire(factor: &FactorEntry) -> Result<WireFactor, WireError> {
     })
 }
 
-fn factor_from_wire(factor: &WireFactor) -> FactorEntry {
-    let (measured, covariance) = (factor.measured.pose(), factor.covariance.matrix());
-    FactorEntry { from: factor.from, to: factor.to, measured, covariance }
+fn factor_from_wire(factor: &WireFactor) -> Result<FactorEntry, WireError> {
+    let (measured, covariance) = (factor.measured.pose()?, factor.covariance.matrix());
+    Ok(FactorEntry { from: factor.from, to: factor.to, measured, covariance })
 }
 
 fn closure_to_wire(closure: &ClosureEntry) -> Result<WireClosure, WireError> {
@@ -330,11 +368,11 @@ fn closure_to_wire(closure: &ClosureEntry) -> Result<WireClosure, WireError> {
     })
 }
 
-fn closure_from_wire(closure: &WireClosure) -> ClosureEntry {
-    ClosureEntry {
+fn closure_from_wire(closure: &WireClosure) -> Result<ClosureEntry, WireError> {
+    Ok(ClosureEntry {
         source: closure.source.id(),
         target: closure.target.id(),
-        measured: closure.measured.pose(),
+        measured: closure.measured.pose()?,
         covariance: closure.covariance.matrix(),
-    }
+    })
 }

@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 
 use draco_graphmatch::dbscan;
 use nalgebra::{Isometry2, Matrix2, Point2, Vector2};
+use serde::{Deserialize, Serialize};
 
 use super::rectangle::{Rectangle, minimum_area_rectangle};
 use crate::Error;
@@ -64,7 +65,7 @@ impl ObjectParams {
 }
 
 /// Something that stands in the water.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Object {
     /// Number within the robot; see [`ObjectTracks`](super::ObjectTracks) for numbers that last.
     pub id: u32,

@@ -1,10 +1,12 @@
+use serde::{Deserialize, Serialize};
+
 use super::Object;
 
 /// Keeps the numbers of objects from one extraction to the next.
 ///
 /// An extraction numbers what it finds from zero. Tracks give an object the number of the nearest object of the
 /// previous extraction of about the same size, or a number never used before.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ObjectTracks {
     /// Farthest a centroid moves between two extractions, metres. Default 3, half the spacing of pilings.
     pub gate_m: f64,

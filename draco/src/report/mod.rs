@@ -9,7 +9,7 @@ mod map;
 mod output;
 mod run;
 mod summary;
-mod svg;
+pub(crate) mod svg;
 mod table;
 
 pub use output::{check_output_folder, write_run};

@@ -1,11 +1,12 @@
+use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::RunReport;
 use crate::Error;
 
-/// Writes the run into the folder `dir`: `summary.json`, `report.html`, `map.svg`, `trajectory_<robot>.tum` and, if
-/// the run has a graph, `graph.g2o`.
+/// Writes the run into the folder `dir`: `summary.json`, `report.html`, `map.svg`, `trajectory_<robot>.tum`,
+/// `points.ply`, `traffic.csv` and, if the run has a graph, `graph.g2o`.
 ///
 /// Everything is first written into a folder beside `dir`, which then takes its place: `dir` holds a whole run or
 /// what it held before. See [`check_output_folder`] for what may be replaced.
@@ -84,6 +85,8 @@ fn stage(report: &RunReport, staging: &Path) -> Result<(), Error> {
     for robot in &report.robots {
         files.push((format!("trajectory_{}.tum", robot.id), tum(&robot.times, &robot.trajectory)));
     }
+    files.push(("points.ply".to_owned(), ply(report)));
+    files.push(("traffic.csv".to_owned(), traffic_csv(report)));
     files.push(("report.html".to_owned(), report.html()));
     files.push(("map.svg".to_owned(), report.map_svg()));
     if !report.graph_g2o.is_empty() {
@@ -114,8 +117,39 @@ fn publish(staging: &Path, dir: &Path) -> Result<(), Error> {
 }
 
 fn is_result(name: &str) -> bool {
-    [SUMMARY, "report.html", "map.svg", "graph.g2o"].contains(&name)
+    [SUMMARY, "report.html", "map.svg", "graph.g2o", "points.ply", "traffic.csv"].contains(&name)
         || (name.starts_with("trajectory_") && name.ends_with(".tum"))
+}
+
+/// All points of the merged robots in the common frame, or of the first robot if none are, as a PLY file of text with
+/// the robot and the keyframe of each point.
+fn ply(report: &RunReport) -> String {
+    let mut robots: Vec<_> = report.merged().collect();
+    if robots.is_empty() {
+        robots.extend(report.robots.first());
+    }
+    let (mut lines, mut count) = (String::new(), 0);
+    for robot in robots {
+        for (keyframe, (pose, points)) in robot.trajectory.iter().zip(&robot.points).enumerate() {
+            for point in points.iter().map(|point| pose * point) {
+                let _ = writeln!(lines, "{:.3} {:.3} 0 {} {keyframe}", point.x, point.y, robot.id);
+                count += 1;
+            }
+        }
+    }
+    format!(
+        "ply\nformat ascii 1.0\nelement vertex {count}\nproperty float x\nproperty float y\nproperty float z\n\
+         property int robot\nproperty int keyframe\nend_header\n{lines}"
+    )
+}
+
+/// One line a packet.
+fn traffic_csv(report: &RunReport) -> String {
+    let mut text = "time,robot,kind,bits\n".to_owned();
+    for message in &report.traffic {
+        let _ = writeln!(text, "{},{},{},{}", message.time, message.robot, message.kind, message.bits);
+    }
+    text
 }
 
 /// One line a keyframe, `time x y z qx qy qz qw`.

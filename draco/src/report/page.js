@@ -15,3 +15,4 @@ function redraw() {
 }
 slider.addEventListener("input", redraw);
 for (const box of boxes) box.addEventListener("change", redraw);
+document.body.dataset.ready = "yes";

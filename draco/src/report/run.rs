@@ -58,6 +58,8 @@ pub struct RobotReport {
     pub objects: Vec<ObjectReport>,
     /// How its map was matched to partners' maps.
     pub matched: Vec<Matched>,
+    /// Packets and messages it did not take in, by reason.
+    pub refused: BTreeMap<String, u64>,
 }
 
 /// A robot's map placed by map-to-map alignment.

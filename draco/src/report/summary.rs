@@ -55,8 +55,10 @@ pub struct RobotSummary {
     pub ate_m: Option<f64>,
     /// Closures it proposed.
     pub closures: CountSummary,
-    /// Bits it sent, by type of message.
+    /// Bits it sent, by type of message; `repeat` are packets sent again, `status` what keeps the link going.
     pub sent_bits: BTreeMap<String, u64>,
+    /// Packets and messages it did not take in, by reason.
+    pub refused: BTreeMap<String, u64>,
 }
 
 /// Closures of one robot or of the team.
@@ -157,6 +159,7 @@ impl RunReport {
             ate_m: robot.error().map(rmse),
             closures: self.count(|closure| closure.a.robot == robot.id),
             sent_bits: self.sent_bits(robot.id),
+            refused: robot.refused.clone(),
         }
     }
 

@@ -3,7 +3,7 @@ use std::fmt::Write;
 use nalgebra::Vector2;
 
 /// `text` as the content or an attribute of an element.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
         match character {
@@ -20,7 +20,7 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 /// A coordinate with two decimals and no superfluous zeros; anything not finite counts as 0, as SVG knows no other.
-pub(super) fn number(value: f64) -> String {
+pub(crate) fn number(value: f64) -> String {
     let value = if value.is_finite() { value } else { 0.0 };
     let text = format!("{value:.2}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -28,7 +28,7 @@ pub(super) fn number(value: f64) -> String {
 }
 
 /// Path data through `points`, already in drawing coordinates.
-pub(super) fn polyline(points: impl IntoIterator<Item = Vector2<f64>>) -> String {
+pub(crate) fn polyline(points: impl IntoIterator<Item = Vector2<f64>>) -> String {
     let mut data = String::new();
     for (index, point) in points.into_iter().enumerate() {
         let command = if index == 0 { 'M' } else { 'L' };
@@ -38,7 +38,7 @@ pub(super) fn polyline(points: impl IntoIterator<Item = Vector2<f64>>) -> String
 }
 
 /// Path data that puts a round dot at each of `points` when stroked with round caps.
-pub(super) fn dots(points: impl IntoIterator<Item = Vector2<f64>>) -> String {
+pub(crate) fn dots(points: impl IntoIterator<Item = Vector2<f64>>) -> String {
     let mut data = String::new();
     for point in points {
         let _ = write!(data, "M{} {}h0", number(point.x), number(point.y));
@@ -47,13 +47,13 @@ pub(super) fn dots(points: impl IntoIterator<Item = Vector2<f64>>) -> String {
 }
 
 /// The round number (1, 2 or 5 times a power of ten) nearest below `value`.
-pub(super) fn round_below(value: f64) -> f64 {
+pub(crate) fn round_below(value: f64) -> f64 {
     let power = 10.0_f64.powf(value.max(1e-9).log10().floor());
     [5.0, 2.0, 1.0].into_iter().map(|digit| digit * power).find(|round| *round <= value).unwrap_or(power)
 }
 
 /// Round ticks from 0 up to at least `top`, about `count` of them.
-pub(super) fn ticks(top: f64, count: f64) -> Vec<f64> {
+pub(crate) fn ticks(top: f64, count: f64) -> Vec<f64> {
     let top = if top.is_finite() && top > 0.0 { top } else { 1.0 };
     let step = round_below(2.0 * top / count);
     let last = (top / step).ceil() as usize;

@@ -1,24 +1,29 @@
-//! Frames in and out.
+//! Messages in and out.
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use serde::{Deserialize, Serialize};
+
+use super::maps::SentMaps;
 use super::{Robot, WireError};
 use crate::error::Error;
 use crate::evaluate::Decision;
 use crate::keyframe::RobotId;
-use crate::link::Outgoing;
-use crate::message::{BROADCAST, FactorEntry, Frame, GraphUpdate, KeyframeId, Message, ObjectEntry};
+use crate::message::{BROADCAST, FactorEntry, Frame, GraphUpdate, KeyframeId, Message};
+use crate::transport::Refusal;
 
 /// What has been sent, so that only news is sent again, and what waits to be sent.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Outbox {
-    sequence: u16,
     factors: BTreeMap<(u32, u32), FactorEntry>,
     keyframes: usize,
     map_keyframes: usize,
+    maps: SentMaps,
     closures: BTreeSet<(KeyframeId, KeyframeId)>,
     /// Keyframes to ask a partner for.
     pub(super) wanted: BTreeMap<RobotId, Vec<u32>>,
+    /// Partners whose maps have to be asked for as a whole.
+    maps_wanted: BTreeSet<RobotId>,
     /// Keyframes that partners asked this robot for.
     asked: BTreeSet<u32>,
     /// Scans that have been sent; a broadcast reaches everyone.
@@ -26,21 +31,27 @@ pub(super) struct Outbox {
 }
 
 impl Robot {
-    /// Takes in a decoded frame.
-    pub(super) fn take_in(&mut self, frame: Frame) -> Result<(), WireError> {
-        let sender = frame.sender;
-        let partner = self.partner(sender)?;
+    /// Takes in a decoded message.
+    pub(super) fn take_in(&mut self, sender: RobotId, frame: Frame) -> Result<(), WireError> {
+        let is_for_me = frame.receiver == self.id;
+        let partner = self.partners.entry(sender).or_default();
         match frame.message {
-            Message::Objects(objects) => partner.objects = objects,
-            Message::Cells(map) => partner.cells = Some(map),
-            Message::Graph(update) => {
-                partner.graph.apply(&update);
-                if let Err(error) = partner.graph.solve() {
-                    tracing::warn!(partner = sender, %error, "the partner's graph cannot be solved");
+            Message::Objects(update) => {
+                if partner.maps.take_objects(update).is_err() {
+                    self.ask_for_maps(sender);
                 }
             }
+            Message::Cells(update) => {
+                if partner.maps.take_cells(update).is_err() {
+                    self.ask_for_maps(sender);
+                }
+            }
+            Message::Graph(update) => {
+                partner.graph_has_news |= partner.graph.apply(&update);
+                self.has_news = true;
+            }
             Message::ScanRequest(keyframes) => {
-                if frame.receiver == self.id {
+                if is_for_me {
                     let known = self.local.poses().len() as u32;
                     self.outbox.asked.extend(keyframes.into_iter().filter(|k| *k < known));
                 }
@@ -55,16 +66,34 @@ impl Robot {
                 for entry in accepted {
                     partner.closures.insert((entry.source, entry.target), entry);
                 }
+                self.has_news = true;
+            }
+            Message::MapRequest => {
+                if is_for_me {
+                    self.outbox.maps.forget();
+                    self.outbox.map_keyframes = 0;
+                }
             }
         }
         Ok(())
     }
 
-    /// Everything new since the last call, as encoded frames.
-    pub(super) fn frames_to_send(&mut self) -> Result<Vec<Outgoing>, Error> {
+    /// The partner's updates do not fit together, which no link can cause: its state or this one's is damaged.
+    fn ask_for_maps(&mut self, id: RobotId) {
+        self.transport.refuse(Refusal::Unusable);
+        let maps = &mut self.partners.entry(id).or_default().maps;
+        if !std::mem::replace(&mut maps.asked, true) {
+            self.outbox.maps_wanted.insert(id);
+        }
+    }
+
+    /// Hands everything new since the last call to the transport.
+    pub(super) fn tell_news(&mut self) -> Result<(), Error> {
         let mut messages: Vec<(RobotId, Message)> = Vec::new();
-        messages.extend(self.graph_update().map(|m| (BROADCAST, m)));
+        messages.extend(self.graph_update()?.map(|m| (BROADCAST, m)));
         messages.extend(self.map_messages()?.into_iter().map(|m| (BROADCAST, m)));
+        let maps_wanted = std::mem::take(&mut self.outbox.maps_wanted);
+        messages.extend(maps_wanted.into_iter().map(|partner| (partner, Message::MapRequest)));
         for (partner, keyframes) in std::mem::take(&mut self.outbox.wanted) {
             for chunk in keyframes.chunks(self.params.exchange.scans_per_request.max(1)) {
                 messages.push((partner, Message::ScanRequest(chunk.to_vec())));
@@ -77,21 +106,18 @@ impl Robot {
             }
         }
         messages.extend(self.closure_update().map(|m| (BROADCAST, m)));
-        messages.into_iter().map(|(receiver, message)| self.encode(receiver, message)).collect()
-    }
-
-    fn encode(&mut self, receiver: RobotId, message: Message) -> Result<Outgoing, Error> {
-        let kind = message.kind();
-        let sequence = self.outbox.sequence;
-        self.outbox.sequence = sequence.wrapping_add(1);
-        let bytes = Frame { sender: self.id, receiver, sequence, message }.encode()?;
-        Ok(Outgoing { receiver, kind, bytes })
+        for (receiver, message) in messages {
+            let kind = message.kind();
+            let bytes = Frame { receiver, message }.encode()?;
+            self.transport.send(kind, &bytes, &self.params.transport)?;
+        }
+        Ok(())
     }
 
     /// Factors that are new, have moved or are gone.
-    fn graph_update(&mut self) -> Option<Message> {
+    fn graph_update(&mut self) -> Result<Option<Message>, Error> {
         let share = self.params.exchange.resend_sigmas;
-        let current: BTreeMap<_, _> = self.own_factors().into_iter().map(|f| ((f.from, f.to), f)).collect();
+        let current: BTreeMap<_, _> = self.own_factors()?.into_iter().map(|f| ((f.from, f.to), f)).collect();
         let sent = &mut self.outbox.factors;
         let removed: Vec<_> = sent.keys().filter(|pair| !current.contains_key(pair)).copied().collect();
         for pair in &removed {
@@ -106,10 +132,10 @@ impl Robot {
         }
         let keyframes = self.local.poses().len();
         if factors.is_empty() && removed.is_empty() && keyframes == self.outbox.keyframes {
-            return None;
+            return Ok(None);
         }
         self.outbox.keyframes = keyframes;
-        Some(Message::Graph(GraphUpdate { keyframes: keyframes as u32, factors, removed }))
+        Ok(Some(Message::Graph(GraphUpdate { keyframes: keyframes as u32, factors, removed })))
     }
 
     /// Cells and objects, when the map has grown enough since the last time.
@@ -119,15 +145,13 @@ impl Robot {
             return Ok(Vec::new());
         }
         self.outbox.map_keyframes = keyframes;
-        let cells = Message::Cells(self.cell_map());
-        let objects = self.object_map()?;
-        let entry = |o: &crate::objects::Object| ObjectEntry {
-            id: o.id,
-            centroid: o.centroid,
-            length: o.length,
-            breadth: o.breadth,
-        };
-        Ok(vec![cells, Message::Objects(objects.iter().map(entry).collect())])
+        let mut objects = self.object_map()?;
+        self.tracks.update(&mut objects);
+        let cells = self.cell_map();
+        let resend_m = self.params.exchange.object_resend_m;
+        let maps = &mut self.outbox.maps;
+        let (cells, objects) = (maps.cell_update(&cells), maps.object_update(&objects, resend_m));
+        Ok(vec![Message::Cells(cells), Message::Objects(objects)])
     }
 
     /// Own closures newly accepted or withdrawn, those of a withdrawn alignment among them.

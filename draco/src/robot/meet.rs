@@ -8,16 +8,17 @@ use nalgebra::{Isometry2, Point2};
 
 use super::partner::{Alignment, Partner};
 use super::{AlignmentEvent, Proposal, Robot};
-use crate::alignment::{self, Opinion, OwnMap, Verdict, consensus};
+use crate::alignment::{self, MapKind, ObjectMatcher, Opinion, OwnMap, Verdict, consensus};
 use crate::closure;
 use crate::consistency::{self, Evidence, Judgement};
 use crate::error::Error;
 use crate::evaluate::{Decision, rigid_alignment};
 use crate::keyframe::RobotId;
 use crate::local_slam::merge;
-use crate::message::{CellMap, ClosureEntry, KeyframeId};
+use crate::message::{CellMap, ClosureEntry, KeyframeId, ObjectEntry};
 use crate::objects::{self, Object};
 use crate::robot_graph::RobotGraph;
+use crate::transport::Refusal;
 use crate::two_step::TeamEstimate;
 
 impl Robot {
@@ -36,30 +37,54 @@ impl Robot {
         objects::extract(self.local.keyframes(), self.local.poses(), &self.params.objects)
     }
 
-    /// Alignment, candidates and registration with every partner.
-    pub(super) fn meet_partners(&mut self, now: f64) -> Result<(), Error> {
+    /// Rebuilds the maps of partners whose factors have changed.
+    pub(super) fn rebuild_partners(&mut self) {
+        for (&id, partner) in &mut self.partners {
+            if std::mem::take(&mut partner.graph_has_news)
+                && let Err(error) = partner.graph.solve()
+            {
+                tracing::warn!(robot = self.id, partner = id, %error, "the partner's graph cannot be solved");
+                self.transport.refuse(Refusal::Unusable);
+            }
+        }
+    }
+
+    /// Alignment, candidates and registration with every partner. What cannot be computed with one partner's data does
+    /// not keep the robot from the others.
+    pub(super) fn meet_partners(&mut self, now: f64) {
         let mut partners = std::mem::take(&mut self.partners);
         for (&id, partner) in &mut partners {
-            self.align(id, partner, now)?;
-            self.register_candidates(id, partner, now)?;
-            self.confirm(id, partner, now);
+            let result =
+                self.align(id, partner, now).and_then(|()| self.register_candidates(id, partner, now));
+            match result {
+                Ok(()) => self.confirm(id, partner, now),
+                Err(error) => self.give_up(id, &error, now),
+            }
         }
         self.partners = partners;
-        Ok(())
+    }
+
+    fn give_up(&mut self, id: RobotId, error: &Error, now: f64) {
+        tracing::warn!(robot = self.id, partner = id, %error, "nothing can be computed with this partner's data");
+        self.transport.refuse(Refusal::Unusable);
+        self.tell(id, now, format!("unusable: {error}"));
     }
 
     /// Looks for the one clear way in which both maps fit, whenever either has grown: before there is a hypothesis,
     /// to find one that lasts, and after, because small maps can fit clearly and wrongly.
     fn align(&mut self, id: RobotId, partner: &mut Partner, now: f64) -> Result<(), Error> {
-        let Some(theirs) = &partner.cells else { return Ok(()) };
         let grown = self.local.poses().len() >= partner.last_attempt.0 + self.params.exchange.map_interval
-            || theirs.keyframes > partner.last_attempt.1;
-        if !grown {
-            return Ok(());
-        }
+            || partner.maps.cell_keyframes() > partner.last_attempt.1;
+        let Some(theirs) = partner.maps.cells().filter(|_| grown) else { return Ok(()) };
         partner.last_attempt = (self.local.poses().len(), theirs.keyframes);
         let middle = theirs.middle();
-        match alignment::align(&self.own_map(), theirs, &self.params.alignment)? {
+        self.has_news = true;
+        let verdict = match self.params.alignment.maps {
+            MapKind::Cells => alignment::align(&self.own_map(), &theirs, &self.params.alignment)?,
+            MapKind::Segments => self.align_objects(partner, ObjectMatcher::Consensus)?,
+            MapKind::Objects => self.align_objects(partner, ObjectMatcher::AsCoded)?,
+        };
+        match verdict {
             Verdict::Clear(mode) => self.weigh(id, partner, mode, &middle, now),
             Verdict::Ambiguous { ratio } => {
                 self.tell(id, now, format!("ambiguous: second best fit at {ratio:.2} of the best"));
@@ -68,6 +93,12 @@ impl Robot {
             Verdict::None => {}
         }
         Ok(())
+    }
+
+    fn align_objects(&self, partner: &Partner, matcher: ObjectMatcher) -> Result<Verdict, Error> {
+        let own: Vec<ObjectEntry> = self.object_map()?.iter().map(ObjectEntry::from).collect();
+        let theirs: Vec<ObjectEntry> = partner.maps.objects().cloned().collect();
+        alignment::align_objects(&own, &theirs, matcher)
     }
 
     /// What one clear fit does to the alignment held.
@@ -167,6 +198,7 @@ impl Robot {
                     covariance: registered.covariance,
                 };
                 let key = (entry.source, entry.target);
+                self.has_news = true;
                 let reason = "not judged yet".into();
                 self.proposals
                     .insert(key, Proposal { entry, time: now, decision: Decision::Undecided, reason });
@@ -200,10 +232,12 @@ impl Robot {
         match self.params.alignment.judge(passed, tested) {
             None => {}
             Some(true) => {
+                self.has_news = true;
                 self.tell(id, now, format!("aligned: {passed} of {tested} registrations passed"));
                 partner.alignment = Alignment::Accepted(mode);
             }
             Some(false) => {
+                self.has_news = true;
                 self.tell(id, now, format!("refuted: only {passed} of {tested} registrations passed"));
                 self.proposals.retain(|(source, _), _| source.robot != id);
                 partner.drop_hypothesis();
@@ -211,25 +245,36 @@ impl Robot {
         }
     }
 
-    /// Judges all closures of aligned pairs and estimates the team's poses from those believed.
-    pub(super) fn choose_closures(&mut self) -> Result<(), Error> {
-        let own_graph = RobotGraph::from_map(self.own_factors(), self.local.poses().to_vec());
+    /// Judges all closures of aligned pairs and estimates the team's poses from those believed. When that fails on what
+    /// partners said, the last estimate stays.
+    pub(super) fn choose_closures(&mut self, now: f64) -> Result<(), Error> {
+        let own_graph = RobotGraph::from_map(self.own_factors()?, self.local.poses().to_vec());
         let entries = self.entries();
         if entries.is_empty() {
             self.accepted.clear();
             self.team = TeamEstimate::alone(self.id, self.local.poses());
             return Ok(());
         }
-        let evidence = self.evidence(&own_graph, &entries)?;
+        let before = std::mem::take(&mut self.accepted);
+        if let Err(error) = self.judge_and_estimate(&own_graph, &entries) {
+            let other =
+                |e: &ClosureEntry| [e.source.robot, e.target.robot].into_iter().find(|r| *r != self.id);
+            let Some(partner) = entries.iter().find_map(other) else { return Err(error) };
+            self.give_up(partner, &error, now);
+            self.accepted = before;
+        }
+        Ok(())
+    }
+
+    fn judge_and_estimate(&mut self, own_graph: &RobotGraph, entries: &[ClosureEntry]) -> Result<(), Error> {
+        let evidence = self.evidence(own_graph, entries)?;
         let judgement = consistency::select(self.params.method, &evidence)?;
-        self.record(&entries, &judgement);
-        self.accepted = judgement
-            .selection
-            .accepted
-            .iter()
+        let accepted = judgement.selection.accepted.iter();
+        self.accepted = accepted
             .map(|&i| ClosureEntry { covariance: judgement.covariances[i], ..entries[i].clone() })
             .collect();
-        self.team = self.team_problem(&own_graph).solve(self.params.optimisation)?;
+        self.team = self.team_problem(own_graph).solve(self.params.optimisation)?;
+        self.record(entries, &judgement);
         Ok(())
     }
 }

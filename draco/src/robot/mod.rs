@@ -1,7 +1,8 @@
 //! One robot as a state machine without clock, thread, file or socket.
 //!
-//! Keyframes go in by [`Robot::add_keyframe`], frames of other robots by [`Robot::receive`]; [`Robot::step`] thinks
-//! and returns the frames to send. The same calls in the same order give the same bits.
+//! Keyframes go in by [`Robot::add_keyframe`], packets of other robots by [`Robot::receive`]; [`Robot::step`] thinks
+//! and returns the packets to send, [`Robot::tick`] only keeps the link going. The same calls in the same order give
+//! the same bits.
 //!
 //! With every partner a robot goes through the same stages. It compares persistent cells of both maps until they fit
 //! in one clear way; looks for keyframe pairs that should overlap under this hypothesis, asks for the scans it lacks
@@ -11,6 +12,7 @@
 //! other, and no consistency test could tell.
 
 mod exchange;
+pub(crate) mod maps;
 mod meet;
 mod partner;
 mod reports;
@@ -18,6 +20,7 @@ mod reports;
 use std::collections::BTreeMap;
 
 use nalgebra::Isometry2;
+use serde::{Deserialize, Serialize};
 
 use crate::alignment::AlignmentParams;
 use crate::closure::ClosureParams;
@@ -28,8 +31,11 @@ use crate::keyframe::{Keyframe, RobotId};
 use crate::link::Outgoing;
 use crate::local_slam::{LocalSlam, LocalSlamParams};
 use crate::message::{ClosureEntry, FactorEntry, Frame, KeyframeId, WireError};
-use crate::objects::{CellParams, ObjectParams};
+use crate::objects::{CellParams, ObjectParams, ObjectTracks};
+use crate::transport::{Refusal, RefusalCounts, Transport, TransportParams};
 use crate::two_step::{Optimisation, TeamEstimate};
+pub use reports::KnownVersions;
+
 use exchange::Outbox;
 use partner::Partner;
 
@@ -52,6 +58,8 @@ pub struct RobotParams {
     pub optimisation: Optimisation,
     /// When things are sent.
     pub exchange: ExchangeParams,
+    /// How they are sent.
+    pub transport: TransportParams,
 }
 
 /// When things are sent.
@@ -63,16 +71,19 @@ pub struct ExchangeParams {
     pub scans_per_request: usize,
     /// A factor is sent again when its measurement has moved by this share of its sigma. Default 0.25.
     pub resend_sigmas: f64,
+    /// An object is sent again when it has moved by this, or its sides have changed by twice this, metres. Default
+    /// 0.5, the spacing of points.
+    pub object_resend_m: f64,
 }
 
 impl Default for ExchangeParams {
     fn default() -> Self {
-        ExchangeParams { map_interval: 5, scans_per_request: 20, resend_sigmas: 0.25 }
+        ExchangeParams { map_interval: 5, scans_per_request: 20, resend_sigmas: 0.25, object_resend_m: 0.5 }
     }
 }
 
 /// A closure this robot proposed, and what became of it.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct Proposal {
     entry: ClosureEntry,
     /// When it was registered, seconds.
@@ -82,7 +93,7 @@ struct Proposal {
 }
 
 /// One alignment attempt worth telling.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct AlignmentEvent {
     partner: RobotId,
     time: f64,
@@ -90,9 +101,10 @@ struct AlignmentEvent {
 }
 
 /// One robot of a team.
-#[derive(Debug)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Robot {
     id: RobotId,
+    #[serde(skip)]
     params: RobotParams,
     local: LocalSlam,
     partners: BTreeMap<RobotId, Partner>,
@@ -102,13 +114,23 @@ pub struct Robot {
     team: TeamEstimate,
     events: Vec<AlignmentEvent>,
     outbox: Outbox,
-    /// Frames that could not be decoded or contradict themselves.
-    refused: u64,
+    tracks: ObjectTracks,
+    transport: Transport,
+    /// Whether anything has changed that closures and the team's estimate depend on.
+    has_news: bool,
 }
 
 impl Robot {
-    /// A robot with an empty map.
+    /// A robot with an empty map that has never spoken.
     pub fn new(id: RobotId, params: RobotParams) -> Self {
+        Self::in_epoch(id, 0, params)
+    }
+
+    /// A robot with an empty map.
+    ///
+    /// * `epoch` – how often a robot of this number has begun with an empty map before. Partners take in nothing of an
+    ///   epoch older than the newest they have heard, and forget what they knew of it when a new one begins.
+    pub fn in_epoch(id: RobotId, epoch: u32, params: RobotParams) -> Self {
         Robot {
             id,
             local: LocalSlam::new(params.local.clone()),
@@ -119,8 +141,34 @@ impl Robot {
             team: TeamEstimate::alone(id, &[]),
             events: Vec::new(),
             outbox: Outbox::default(),
-            refused: 0,
+            tracks: ObjectTracks::default(),
+            transport: Transport::new(id, epoch),
+            has_news: true,
         }
+    }
+
+    /// The bytes of a state file: everything but the settings. Written before the packets of a step are handed to the
+    /// link, the file lets a robot go on as if its process had never ended.
+    ///
+    /// # Errors
+    /// [`Error::State`].
+    pub fn save(&self) -> Result<Vec<u8>, Error> {
+        crate::state::to_bytes(self)
+    }
+
+    /// The robot in the bytes of a state file, with the settings it had.
+    ///
+    /// # Errors
+    /// [`Error::State`] for bytes that are no whole state file. Begin a new epoch then, see [`Robot::in_epoch`].
+    pub fn restore(bytes: &[u8], params: RobotParams) -> Result<Self, Error> {
+        let mut robot: Robot = crate::state::from_bytes(bytes)?;
+        robot.set_params(params);
+        Ok(robot)
+    }
+
+    pub(crate) fn set_params(&mut self, params: RobotParams) {
+        self.local.set_params(params.local.clone());
+        self.params = params;
     }
 
     /// The robot's number.
@@ -134,33 +182,78 @@ impl Robot {
     /// A keyframe out of order or not finite; failures of matching and optimisation.
     pub fn add_keyframe(&mut self, keyframe: &Keyframe) -> Result<(), Error> {
         self.local.add(keyframe.clone())?;
+        self.has_news = true;
         Ok(())
     }
 
-    /// Takes in a frame from the link. A frame that does not decode, or says what cannot be, is counted and dropped.
+    /// Takes in a packet from the link. What cannot be is counted and dropped; it changes nothing else.
     pub fn receive(&mut self, bytes: &[u8]) {
-        let result = Frame::decode(bytes).and_then(|frame| self.take_in(frame));
-        if let Err(error) = result {
-            self.refused += 1;
-            tracing::warn!(robot = self.id, %error, "frame refused");
+        let Some(received) = self.transport.receive(bytes, &self.params.transport) else { return };
+        let sender = received.sender;
+        if received.restarted {
+            self.forget(sender);
+        }
+        for message in received.messages {
+            let result = Frame::decode(&message).and_then(|frame| self.take_in(sender, frame));
+            if let Err(error) = result {
+                tracing::warn!(robot = self.id, sender, %error, "message refused");
+                self.transport.refuse(match error {
+                    WireError::Value { .. } => Refusal::Impossible,
+                    WireError::Malformed { .. } | WireError::Trailing { .. } => Refusal::Malformed,
+                });
+            }
         }
     }
 
-    /// Frames that were refused so far.
-    pub fn refused_frames(&self) -> u64 {
-        self.refused
+    /// A partner has begun anew: keyframe numbers of its former life mean nothing any more.
+    fn forget(&mut self, id: RobotId) {
+        self.partners.remove(&id);
+        for partner in self.partners.values_mut() {
+            partner.closures.retain(|(source, target), _| source.robot != id && target.robot != id);
+        }
+        self.proposals.retain(|(source, _), _| source.robot != id);
+        self.outbox.wanted.remove(&id);
+        self.has_news = true;
     }
 
-    /// Thinks, and returns what to send.
+    /// What was refused so far, by reason.
+    pub fn refusals(&self) -> &RefusalCounts {
+        self.transport.refusals()
+    }
+
+    /// What was refused so far and does not occur in a sound team, however poor its link.
+    pub fn refused_frames(&self) -> u64 {
+        self.refusals().alarming()
+    }
+
+    /// Thinks, and returns the packets to send.
     ///
     /// * `now` – seconds from the start of the mission.
     ///
     /// # Errors
-    /// Failures of registration, consistency test or optimisation.
+    /// Failures of registration, consistency test or optimisation on the robot's own data. What fails on the data of
+    /// a partner is counted as [`Refusal::Unusable`] and does without that partner.
     pub fn step(&mut self, now: f64) -> Result<Vec<Outgoing>, Error> {
-        self.meet_partners(now)?;
-        self.choose_closures()?;
-        self.frames_to_send()
+        self.rebuild_partners();
+        self.meet_partners(now);
+        if std::mem::take(&mut self.has_news) {
+            self.choose_closures(now)?;
+        }
+        self.tell_news()?;
+        self.tick(now)
+    }
+
+    /// Keeps the link going without thinking: returns packets that others lack, and requests for what this robot lacks.
+    ///
+    /// # Errors
+    /// [`Error::Wire`] for a robot number that cannot be sent.
+    pub fn tick(&mut self, now: f64) -> Result<Vec<Outgoing>, Error> {
+        self.transport.tick(now, &self.params.transport)
+    }
+
+    /// Whether every robot that is heard has everything this robot said, and this robot everything that they did.
+    pub fn is_settled(&self, now: f64) -> bool {
+        self.transport.is_settled(now, &self.params.transport)
     }
 
     /// Poses of the robot's own map, which no other robot has influenced; the first keyframe is the origin.
@@ -173,21 +266,14 @@ impl Robot {
         &self.team
     }
 
-    fn partner(&mut self, id: RobotId) -> Result<&mut Partner, WireError> {
-        if id == self.id {
-            return Err(WireError::Value { what: "a frame from another robot with this robot's number" });
-        }
-        Ok(self.partners.entry(id).or_default())
-    }
-
     /// The robot's own factors as they are sent and used in the team's graph.
-    fn own_factors(&self) -> Vec<FactorEntry> {
+    fn own_factors(&self) -> Result<Vec<FactorEntry>, Error> {
         let entry = |f: crate::local_slam::LocalFactor| FactorEntry {
             from: f.from,
             to: f.to,
             measured: f.measured,
             covariance: f.covariance,
         };
-        self.local.factors().into_iter().map(entry).collect()
+        Ok(self.local.factors()?.into_iter().map(entry).collect())
     }
 }

@@ -3,13 +3,24 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use draco_registration::correlative::MapMode;
-use nalgebra::{Isometry2, Point2};
+use nalgebra::{Isometry2, Matrix3, Point2};
+use serde::{Deserialize, Serialize};
 
-use crate::message::{CellMap, ClosureEntry, KeyframeId, ObjectEntry};
+use super::maps::ReceivedMaps;
+use crate::message::{ClosureEntry, KeyframeId};
 use crate::robot_graph::RobotGraph;
 
+/// How a [`MapMode`] is saved.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "MapMode")]
+struct SavedMode {
+    target_from_source: Isometry2<f64>,
+    covariance: Matrix3<f64>,
+    score: f64,
+}
+
 /// Where the partner's map lies in this robot's, as far as is known.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) enum Alignment {
     /// Nobody knows yet.
     #[default]
@@ -17,25 +28,26 @@ pub(super) enum Alignment {
     /// The maps fitted in this one clear way at the last attempts.
     Candidate {
         /// The latest of them.
+        #[serde(with = "SavedMode")]
         mode: MapMode,
         /// Attempts in a row that agreed.
         streak: usize,
     },
     /// The maps fit in one clear way; closures have to confirm it before it is believed.
-    Tentative(MapMode),
+    Tentative(#[serde(with = "SavedMode")] MapMode),
     /// Confirmed.
-    Accepted(MapMode),
+    Accepted(#[serde(with = "SavedMode")] MapMode),
 }
 
 /// Another robot.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Partner {
     /// Its own pose graph and local map.
     pub(super) graph: RobotGraph,
-    /// Its persistent cells, and whether they are newer than the last alignment.
-    pub(super) cells: Option<CellMap>,
-    /// Its objects.
-    pub(super) objects: Vec<ObjectEntry>,
+    /// Whether factors have come that its poses do not follow yet.
+    pub(super) graph_has_news: bool,
+    /// Its persistent cells and its objects.
+    pub(super) maps: ReceivedMaps,
     /// Scans received, by keyframe.
     pub(super) scans: BTreeMap<u32, Vec<Point2<f64>>>,
     /// Keyframes whose scans have been asked for.

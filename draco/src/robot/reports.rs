@@ -1,12 +1,31 @@
 //! What a robot tells about itself after a mission.
 
+use draco_pgo::Key;
 use draco_pgo::io::g2o;
+
+use nalgebra::Isometry2;
 
 use super::Robot;
 use crate::error::Error;
+use crate::keyframe::RobotId;
 use crate::report::{ClosureReport, KeyframeRef, Matched, ObjectReport};
 use crate::robot_graph::RobotGraph;
 use crate::two_step::TeamProblem;
+
+/// What a robot has of another one; within an epoch all of it only grows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct KnownVersions {
+    /// The other robot.
+    pub robot: RobotId,
+    /// Its epoch.
+    pub epoch: u32,
+    /// Packets of its stream that have arrived in order.
+    pub packets: u32,
+    /// Version of its cells.
+    pub cells: u32,
+    /// Version of its objects.
+    pub objects: u32,
+}
 
 impl Robot {
     /// The closures this robot proposed, in order of source and target; measured keyframe is `b`.
@@ -26,10 +45,30 @@ impl Robot {
             .collect()
     }
 
+    /// What this robot has of every other one.
+    pub fn known_versions(&self) -> Vec<KnownVersions> {
+        let of = |(&robot, partner): (&RobotId, &super::partner::Partner)| {
+            let (cells, objects) = partner.maps.versions();
+            let (epoch, packets) = self.transport.progress_of(robot);
+            KnownVersions { robot, epoch, packets, cells, objects }
+        };
+        self.partners.iter().map(of).collect()
+    }
+
+    /// Points of all keyframes of the own map.
+    pub fn point_count(&self) -> usize {
+        self.local.keyframes().iter().map(|keyframe| keyframe.points.len()).sum()
+    }
+
+    /// Where a partner's map lies in this robot's, if both are in one frame.
+    pub fn places(&self, partner: RobotId) -> Option<Isometry2<f64>> {
+        self.team.trajectory(partner)?;
+        self.own_from_partner(partner, self.partners.get(&partner)?)
+    }
+
     /// Loop closures inside the robot's own map, as (earlier, later) keyframe.
     pub fn own_closures(&self) -> Vec<(u32, u32)> {
-        let loops = self.own_factors().into_iter().filter(|f| f.to != f.from + 1);
-        loops.map(|f| (f.from.min(f.to), f.from.max(f.to))).collect()
+        self.local.loop_closures()
     }
 
     /// How the robot's attempts to align its map with its partners' went.
@@ -46,10 +85,7 @@ impl Robot {
     ///
     /// # Errors
     /// Those of object extraction.
-    pub fn object_reports(
-        &self,
-        trajectory: &[nalgebra::Isometry2<f64>],
-    ) -> Result<Vec<ObjectReport>, Error> {
+    pub fn object_reports(&self, trajectory: &[Isometry2<f64>]) -> Result<Vec<ObjectReport>, Error> {
         let objects = crate::objects::extract(self.local.keyframes(), trajectory, &self.params.objects)?;
         Ok(objects
             .into_iter()
@@ -57,18 +93,19 @@ impl Robot {
             .collect())
     }
 
-    /// The graph of the team as this robot has it, as g2o text, at the estimated poses.
+    /// The graph of the team as this robot has it, as g2o text, at the estimated poses. The id of keyframe `i` of robot
+    /// `r` is `1 000 000 r + i`: the programs of g2o keep ids in 32 bits.
     ///
     /// # Errors
     /// Those of the graph.
     pub fn team_graph_g2o(&self) -> Result<String, Error> {
-        let own = RobotGraph::from_map(self.own_factors(), self.local.poses().to_vec());
+        let own = RobotGraph::from_map(self.own_factors()?, self.local.poses().to_vec());
         let problem = self.team_problem(&own);
         let mut graph = problem.graph()?;
         for (key, pose) in self.team.keyed_poses() {
             graph.set_pose(key, pose)?;
         }
-        Ok(g2o::to_text(&graph)?)
+        Ok(with_small_ids(&g2o::to_text(&graph)?))
     }
 
     pub(super) fn team_problem<'a>(&'a self, own: &'a RobotGraph) -> TeamProblem<'a> {
@@ -82,5 +119,36 @@ impl Robot {
             reference_from_map: placed.collect(),
             closures: &self.accepted,
         }
+    }
+}
+
+/// Ids in which the robot has the upper of 64 bits, in decimal digits instead.
+fn with_small_ids(text: &str) -> String {
+    let mut small = String::new();
+    for line in text.lines() {
+        let ids = if line.starts_with("EDGE_SE2 ") { 2 } else { 1 };
+        for (at, token) in line.split(' ').enumerate() {
+            let id = token.parse::<u64>().ok().filter(|_| (1..=ids).contains(&at));
+            small += if at == 0 { "" } else { " " };
+            match id.map(Key::from_id) {
+                Some(key) => small += &(u64::from(key.robot) * 1_000_000 + key.index).to_string(),
+                None => small += token,
+            }
+        }
+        small.push('\n');
+    }
+    small
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_fit_into_32_bits_and_nothing_else_changes() {
+        let (a, b) = ((2_u64 << 56) | 7, (3_u64 << 56) | 12);
+        let text = format!("VERTEX_SE2 {a} 1 2 3\nFIX {a}\nEDGE_SE2 {a} {b} 0.5 7 1 2 0 0 3 0 4\n");
+        let small = "VERTEX_SE2 2000007 1 2 3\nFIX 2000007\nEDGE_SE2 2000007 3000012 0.5 7 1 2 0 0 3 0 4\n";
+        assert_eq!(with_small_ids(&text), small);
     }
 }

@@ -4,6 +4,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
+use super::movers::Movers;
 use super::{ImageParams, KeyframePolicy, ScanParams, Scenario, World, direct_scan, follow, polar_image};
 use crate::Error;
 use crate::keyframe::{Keyframe, MissionData, Recording, RobotId};
@@ -51,8 +52,14 @@ pub struct SimulationParams {
     pub scenario: Scenario,
     /// Seed of everything random. Equal parameters give equal missions, to the bit.
     pub seed: u64,
+    /// Number of robots. Default 3, each on a path of its own; robot `3 + k` follows the path of robot `k`, from another
+    /// place on it.
+    pub robots: usize,
     /// Keyframes a robot. Default `None`: as many as the scenario says.
     pub keyframes: Option<usize>,
+    /// Vehicles that cross the site and are no robots. Default 0. Each is a disk of 1.5 m that runs to and fro on a line of
+    /// its own; all robots see it where it is at that time.
+    pub movers: usize,
     /// Errors of the dead reckoning.
     pub odometry: OdometryNoise,
     /// How scans are made. Default direct.
@@ -70,7 +77,9 @@ impl Default for SimulationParams {
         Self {
             scenario: Scenario::default(),
             seed: 0,
+            robots: 3,
             keyframes: None,
+            movers: 0,
             odometry: OdometryNoise::default(),
             scan: ScanMode::default(),
             filter: PointFilter { cell_m: 0.3, radius_m: 1.0, min_neighbors: 2 },
@@ -80,7 +89,7 @@ impl Default for SimulationParams {
     }
 }
 
-/// A whole mission: three robots over one site, from one seed.
+/// A whole mission: robots over one site, from one seed.
 ///
 /// The dead reckoning of each robot starts at the identity of a frame of its own; nothing in a recording but its
 /// truth tells where the robots are.
@@ -103,8 +112,14 @@ pub fn simulate(params: &SimulationParams) -> Result<MissionData, Error> {
     }
     let world = params.scenario.world(params.seed);
     let paths = params.scenario.way_points();
-    let robots = (1..).zip(&paths);
-    let recordings = robots.map(|(robot, way_points)| record(robot, way_points, &world, params));
+    let fleet = (1..).zip(0..params.robots);
+    let recordings = fleet.map(|(robot, index)| {
+        let mut way_points = paths[index % paths.len()].clone();
+        let places = way_points.len();
+        // the golden ratio spreads any number of starts along a path
+        way_points.rotate_left((0.618_034 * places as f64 * (index / paths.len()) as f64) as usize % places);
+        record(robot, &way_points, &world, params)
+    });
     Ok(MissionData {
         name: params.scenario.name().to_owned(),
         recordings: recordings.collect::<Result<_, _>>()?,
@@ -125,8 +140,10 @@ fn record(
     truth.truncate(params.keyframes.unwrap_or_else(|| params.scenario.keyframes()));
     let odometry = dead_reckon(&truth, &params.odometry, &mut rng)?;
     let mut keyframes = Vec::new();
+    let movers = Movers::new(params.movers, params.seed);
     for ((&(time, pose), odometry), index) in truth.iter().zip(odometry).zip(0..) {
-        let points = params.filter.apply(&scan(world, &pose, &params.scan, &mut rng)?)?;
+        let here = movers.add_to(world, time);
+        let points = params.filter.apply(&scan(&here, &pose, &params.scan, &mut rng)?)?;
         keyframes.push(Keyframe { index, time, odometry, points });
     }
     Ok(Recording { robot, keyframes, truth: truth.into_iter().map(|(_, pose)| Some(pose)).collect() })

@@ -9,6 +9,7 @@
 
 mod image;
 mod mission;
+mod movers;
 mod path;
 mod scan;
 mod scenario;
