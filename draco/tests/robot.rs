@@ -223,7 +223,7 @@ fn counted_bits_are_those_of_the_bytes_that_cross_the_link() {
             }
             let delivered = modem.receive(time);
             for (robot, recording) in robots.iter_mut().zip(&data.recordings) {
-                for delivery in delivered.iter().filter(|delivery| delivery.receiver == robot.id()) {
+                for delivery in delivered.iter().filter(|delivery| delivery.receiver == recording.robot) {
                     // with two robots every packet is heard exactly once
                     heard.entry(decoded(&delivery.bytes).sender).or_default().hear(&delivery.bytes);
                     robot.receive(&delivery.bytes);
@@ -381,7 +381,7 @@ fn a_robot_that_begins_anew_is_heard_again_and_its_old_packets_are_not() {
     let mut first = Robot::new(1, RobotParams::default());
     let mut again = Robot::in_epoch(1, 1, RobotParams::default());
     let mut listener = Robot::new(3, RobotParams::default());
-    let mut packets_of = |robot: &mut Robot, count: usize| {
+    let packets_of = |robot: &mut Robot, count: usize| {
         let mut packets = Vec::new();
         for (index, keyframe) in data.recordings[0].keyframes[..count].iter().enumerate() {
             robot.add_keyframe(keyframe).expect("a simulated keyframe");

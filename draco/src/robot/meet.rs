@@ -43,7 +43,7 @@ impl Robot {
             if std::mem::take(&mut partner.graph_has_news)
                 && let Err(error) = partner.graph.solve()
             {
-                tracing::warn!(robot = self.id, partner = id, %error, "the partner's graph cannot be solved");
+                tracing::debug!(robot = self.id, partner = id, %error, "the partner's graph cannot be solved");
                 self.transport.refuse(Refusal::Unusable);
             }
         }
@@ -65,7 +65,7 @@ impl Robot {
     }
 
     fn give_up(&mut self, id: RobotId, error: &Error, now: f64) {
-        tracing::warn!(robot = self.id, partner = id, %error, "nothing can be computed with this partner's data");
+        tracing::debug!(robot = self.id, partner = id, %error, "nothing can be computed with this partner's data");
         self.transport.refuse(Refusal::Unusable);
         self.tell(id, now, format!("unusable: {error}"));
     }

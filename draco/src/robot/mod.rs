@@ -196,7 +196,7 @@ impl Robot {
         for message in received.messages {
             let result = Frame::decode(&message).and_then(|frame| self.take_in(sender, frame));
             if let Err(error) = result {
-                tracing::warn!(robot = self.id, sender, %error, "message refused");
+                tracing::debug!(robot = self.id, sender, %error, "message refused");
                 self.transport.refuse(match error {
                     WireError::Value { .. } => Refusal::Impossible,
                     WireError::Malformed { .. } | WireError::Trailing { .. } => Refusal::Malformed,

@@ -174,16 +174,21 @@ impl Transport {
 
     /// Takes in whatever was heard. What is refused is counted.
     pub(crate) fn receive(&mut self, bytes: &[u8], params: &TransportParams) -> Option<Received> {
-        match Packet::decode(bytes, &params.key).and_then(|packet| self.take(packet, bytes)) {
-            Ok(received) => Some(received),
+        let packet = match Packet::decode(bytes, &params.key) {
+            Ok(packet) => packet,
             Err(refusal) => {
                 self.refusals.add(refusal);
-                None
+                return None;
             }
+        };
+        let mut received = Received { sender: packet.sender, ..Default::default() };
+        if let Err(refusal) = self.take(packet, bytes, &mut received) {
+            self.refusals.add(refusal);
         }
+        Some(received)
     }
 
-    fn take(&mut self, packet: Packet, bytes: &[u8]) -> Result<Received, Refusal> {
+    fn take(&mut self, packet: Packet, bytes: &[u8], received: &mut Received) -> Result<(), Refusal> {
         let sender = packet.sender;
         if sender == self.id {
             return Err(Refusal::Own);
@@ -196,13 +201,12 @@ impl Transport {
         if packet.epoch < peer.stream.epoch {
             return Err(Refusal::Old);
         }
-        let restarted = packet.epoch > peer.stream.epoch;
-        if restarted {
+        if packet.epoch > peer.stream.epoch {
+            received.restarted = known;
             *peer = Peer { stream: Incoming::new(packet.epoch), ..Default::default() };
             self.asked.retain(|(of, _)| *of != sender);
             self.repeated.retain(|(of, _), _| *of != sender);
         }
-        let mut received = Received { sender, restarted: restarted && known, messages: Vec::new() };
         if packet.kind == PacketKind::Status {
             if peer.status.is_some_and(|newest| packet.number <= newest) {
                 return Err(Refusal::Old);
@@ -211,15 +215,15 @@ impl Transport {
             peer.status = Some(packet.number);
             peer.heard = true;
             self.take_status(sender, status);
-            return Ok(received);
+            return Ok(());
         }
-        peer.seen = true;
         let (messages, too_long) = peer.stream.take(packet, bytes)?;
         for _ in 0..too_long {
             self.refusals.add(Refusal::Malformed);
         }
+        peer.seen = true;
         received.messages = messages;
-        Ok(received)
+        Ok(())
     }
 
     fn take_status(&mut self, sender: RobotId, status: Status) {

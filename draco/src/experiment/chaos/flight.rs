@@ -41,6 +41,9 @@ struct Berth {
     back_at: usize,
     /// Keyframes that the present robot has been given.
     given: u32,
+    /// What the present robot has heard. Only that can be played back to it without being of use: a packet it has not
+    /// heard yet is welcome from anyone.
+    heard: Vec<Vec<u8>>,
     /// Keyframes recorded that have not been given to a robot yet.
     recorded: Vec<Keyframe>,
 }
@@ -52,7 +55,7 @@ struct Mission<'a> {
     now: f64,
     /// Bits that robots have handed to the modem.
     handed_bits: u64,
-    /// Everything said; intruders have heard it all.
+    /// Everything said.
     said: Vec<Vec<u8>>,
     hasher: blake3::Hasher,
     versions: BTreeMap<(usize, u32), (u32, [u32; 3])>,
@@ -71,6 +74,7 @@ pub(super) fn fly(plan: &Plan) -> Result<Flight, String> {
         epoch: 0,
         back_at: 0,
         given: 0,
+        heard: Vec::new(),
         recorded: Vec::new(),
     };
     let mut mission = Mission {
@@ -154,15 +158,20 @@ impl Mission<'_> {
         for at in 0..self.berths.len() {
             let (offset, fast) = self.plan.clocks[at];
             let clock = (self.now + offset) * (1.0 + fast);
-            let forged = if self.plan.intruder { hostile(&self.said, &mut self.rng) } else { Vec::new() };
-            let Some(robot) = self.berths[at].robot.as_mut() else { continue };
+            let berth = &mut self.berths[at];
+            let Some(robot) = berth.robot.as_mut() else { continue };
             let mut packets = inbox.remove(&robot.id()).unwrap_or_default();
-            self.flight.hostile += forged.len() as u64;
-            for bytes in forged {
-                let place = self.rng.random_range(0..=packets.len());
-                packets.insert(place, bytes);
+            let news = packets.clone();
+            if self.plan.intruder {
+                let forged = hostile(&berth.heard, &mut self.rng);
+                self.flight.hostile += forged.len() as u64;
+                for bytes in forged {
+                    let place = self.rng.random_range(0..=packets.len());
+                    packets.insert(place, bytes);
+                }
             }
             packets.iter().for_each(|bytes| robot.receive(bytes));
+            berth.heard.extend(news);
             let sent = match data {
                 Some(_) => {
                     let berth = &mut self.berths[at];
@@ -311,6 +320,7 @@ impl Berth {
             Err(_) => {
                 self.epoch += 1;
                 self.given = 0;
+                self.heard.clear();
                 Ok(Robot::in_epoch(id, self.epoch, RobotParams::default()))
             }
         }
