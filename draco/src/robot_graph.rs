@@ -34,13 +34,15 @@ impl RobotGraph {
 
     /// Takes in what changed. Returns whether anything did.
     pub fn apply(&mut self, update: &GraphUpdate) -> bool {
+        let mut changed = false;
         for pair in &update.removed {
-            self.factors.remove(pair);
+            changed |= self.factors.remove(pair).is_some();
         }
         for factor in &update.factors {
-            self.factors.insert((factor.from, factor.to), factor.clone());
+            let old = self.factors.insert((factor.from, factor.to), factor.clone());
+            changed |= old.as_ref() != Some(factor);
         }
-        !(update.removed.is_empty() && update.factors.is_empty())
+        changed
     }
 
     /// The poses of the local map, one a keyframe; as of the last [`RobotGraph::solve`].

@@ -109,7 +109,9 @@ mod tests {
     fn saved_dice_fall_as_the_others_would_have() {
         let faults = Faults { loss: 0.4, duplication: 0.3, reordering: 0.5, ..Faults::default() };
         let mut dice = Dice::new(7);
-        (0..13).for_each(|_| drop(dice.throw(&faults)));
+        for _ in 0..13 {
+            dice.throw(&faults);
+        }
         let mut saved = Dice::from(<(u64, u64)>::from(dice.clone()));
         for _ in 0..50 {
             let (a, b) = (dice.throw(&faults), saved.throw(&faults));

@@ -47,8 +47,9 @@ impl Robot {
                 }
             }
             Message::Graph(update) => {
-                partner.graph_has_news |= partner.graph.apply(&update);
-                self.has_news = true;
+                let changed = partner.graph.apply(&update);
+                partner.graph_has_news |= changed;
+                self.has_news |= changed;
             }
             Message::ScanRequest(keyframes) => {
                 if is_for_me {
@@ -61,12 +62,12 @@ impl Robot {
             }
             Message::Closures { accepted, retracted } => {
                 for pair in retracted {
-                    partner.closures.remove(&pair);
+                    self.has_news |= partner.closures.remove(&pair).is_some();
                 }
                 for entry in accepted {
                     partner.closures.insert((entry.source, entry.target), entry);
+                    self.has_news = true;
                 }
-                self.has_news = true;
             }
             Message::MapRequest => {
                 if is_for_me {

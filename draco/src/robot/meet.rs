@@ -78,12 +78,12 @@ impl Robot {
         let Some(theirs) = partner.maps.cells().filter(|_| grown) else { return Ok(()) };
         partner.last_attempt = (self.local.poses().len(), theirs.keyframes);
         let middle = theirs.middle();
-        self.has_news = true;
         let verdict = match self.params.alignment.maps {
             MapKind::Cells => alignment::align(&self.own_map(), &theirs, &self.params.alignment)?,
             MapKind::Segments => self.align_objects(partner, ObjectMatcher::Consensus)?,
             MapKind::Objects => self.align_objects(partner, ObjectMatcher::AsCoded)?,
         };
+        self.has_news = true;
         match verdict {
             Verdict::Clear(mode) => self.weigh(id, partner, mode, &middle, now),
             Verdict::Ambiguous { ratio } => {
