@@ -5,6 +5,7 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::chordal::{ChordalPose, Edge};
 use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
+use crate::staircase::lifted::Lifted;
 use crate::{CustomFactor, Error, Kernel, Key, PoseGraph};
 
 /// What [`certify`] found about the poses of a graph.
@@ -12,11 +13,14 @@ use crate::{CustomFactor, Error, Kernel, Key, PoseGraph};
 pub struct Certificate {
     /// The chordal objective `F = Σ κ |R_j - R_i R_ij|² + τ |t_j - t_i - R_i t_ij|²`, without a factor ½.
     pub objective: f64,
-    /// The smallest of 1e-8, 1e-7, ... 1e-2 for which the certificate matrix plus that multiple of the identity is
-    /// positive definite: no eigenvalue is below its negative. `None`: the poses are not certified.
+    /// The smallest of 1e-8, 1e-7, ... 1e-2 for which the certificate matrix plus that multiple of the identity on
+    /// the rotations is positive definite. `None`: the poses are not certified.
     pub slack: Option<f64>,
-    /// Largest entry of the certificate matrix times the poses; zero at a stationary point. A certificate means
-    /// something only where this is small against the weights.
+    /// No poses whatever have an objective lower by more than this, the slack times the squared norm of all
+    /// rotations; `None` without certificate.
+    pub gap: Option<f64>,
+    /// Largest entry of half the gradient; zero at a stationary point. A certificate means something only where
+    /// this is small against the weights.
     pub stationarity: f64,
 }
 
@@ -116,47 +120,133 @@ impl<const D: usize> ChordalFactor<D> {
 pub(crate) fn certify_parts<const D: usize, const M: usize>(
     edges: &[Edge<D>],
     poses: &[Parts<D>],
-) -> Result<Certificate, Error> {
-    let mut objective = 0.0;
-    let zero = SMatrix::<f64, M, M>::zeros();
-    let mut pairs: Vec<(u32, u32)> =
-        edges.iter().map(|e| (e.slots[0].max(e.slots[1]), e.slots[0].min(e.slots[1]))).collect();
-    pairs.sort_unstable();
-    pairs.dedup();
-    let mut matrix = BlockMatrix { diagonal: vec![zero; poses.len()], off_diagonal: vec![zero; pairs.len()] };
-    for edge in edges {
-        let [i, j] = edge.slots;
-        let (a, b) = (poses[i as usize], poses[j as usize]);
-        objective += edge.kappa * (b.0 - a.0 * edge.rotation).norm_squared()
-            + edge.tau * (b.1 - a.1 - a.0 * edge.translation).norm_squared();
-        let (at_i, at_j, mixed) = connection::<D, M>(edge);
-        matrix.diagonal[i as usize] += at_i;
-        matrix.diagonal[j as usize] += at_j;
-        if let Ok(pair) = pairs.binary_search(&(i.max(j), i.min(j))) {
-            matrix.off_diagonal[pair] += if j > i { mixed } else { mixed.transpose() };
-        }
-    }
-    let product = times_poses(&matrix, &pairs, poses);
-    let mut stationarity: f64 = 0.0;
-    for ((block, q), (rotation, _)) in matrix.diagonal.iter_mut().zip(&product).zip(poses) {
-        let upper: SMatrix<f64, D, D> = q.fixed_view::<D, D>(0, 0).into_owned();
-        let raw = upper * rotation;
-        let multiplier = (raw + raw.transpose()) * 0.5;
-        let rest = upper - multiplier * rotation.transpose();
-        stationarity = stationarity.max(rest.amax()).max(q.row(D).amax());
-        for c in 0..D {
-            for r in 0..D {
-                block[(r, c)] -= multiplier[(r, c)];
+) -> Certificate {
+    certify_parts_with(&mut Dual::<D, M>::new(edges, poses.len()), edges, poses)
+}
+
+/// The same with the matrix of the objective given.
+pub(crate) fn certify_parts_with<const D: usize, const M: usize>(
+    dual: &mut Dual<D, M>,
+    edges: &[Edge<D>],
+    poses: &[Parts<D>],
+) -> Certificate {
+    let problem = Lifted::<D, M> { edges, nodes: poses.len() };
+    let point = Lifted::<D, M>::point(poses);
+    let mut product = vec![0.0; point.x.len()];
+    problem.times(&point.x, point.rank, &mut product);
+    let multipliers = problem.multipliers(&point, &product);
+    problem.project(&point, &mut product);
+    let stationarity = product.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+    let matrix = dual.certificate_matrix(&multipliers);
+    let slack = dual.slack(&matrix, f64::INFINITY);
+    let gap = slack.map(|slack| dual.gap(slack));
+    Certificate { objective: problem.cost(&point), slack, gap, stationarity }
+}
+
+/// The matrix `Q` of the chordal objective `tr(X Q Xᵀ)` and the memory to factor it less multipliers.
+pub(crate) struct Dual<const D: usize, const M: usize> {
+    /// Places of the off-diagonal blocks.
+    pub(crate) pairs: Vec<(u32, u32)>,
+    objective: BlockMatrix<M>,
+    cholesky: Cholesky<M>,
+    /// Added to the diagonal: pins one translation in each connected part, which nothing else determines.
+    pins: Vec<SVector<f64, M>>,
+    shift: Vec<SVector<f64, M>>,
+}
+
+/// Smallest slack a certificate is tried with: rounding of matrices with entries of a few thousands.
+const LEAST_SLACK: f64 = 1e-8;
+/// Shift of the preconditioner, relative to the largest entry: leaves it definite when the noise is zero.
+const PRECONDITIONER_SHIFT: f64 = 1e-9;
+
+impl<const D: usize, const M: usize> Dual<D, M> {
+    pub(crate) fn new(edges: &[Edge<D>], nodes: usize) -> Self {
+        let zero = SMatrix::<f64, M, M>::zeros();
+        let mut pairs: Vec<(u32, u32)> =
+            edges.iter().map(|e| (e.slots[0].max(e.slots[1]), e.slots[0].min(e.slots[1]))).collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        let mut objective =
+            BlockMatrix { diagonal: vec![zero; nodes], off_diagonal: vec![zero; pairs.len()] };
+        let mut group: Vec<u32> = (0..nodes as u32).collect();
+        for edge in edges {
+            let [i, j] = edge.slots;
+            crate::graph::union(&mut group, i, j);
+            let (at_i, at_j, mixed) = connection::<D, M>(edge);
+            objective.diagonal[i as usize] += at_i;
+            objective.diagonal[j as usize] += at_j;
+            if let Ok(pair) = pairs.binary_search(&(i.max(j), i.min(j))) {
+                objective.off_diagonal[pair] += if j > i { mixed } else { mixed.transpose() };
             }
         }
+        let mut pins = vec![SVector::zeros(); nodes];
+        for node in 0..nodes as u32 {
+            if crate::graph::find(&mut group, node) == node {
+                pins[node as usize][D] = 1.0 + objective.diagonal[node as usize][(D, D)];
+            }
+        }
+        let symbolic = Arc::new(Symbolic::new(nodes, &pairs, M));
+        let cholesky = Cholesky::<M>::new(symbolic, &pairs);
+        Self { shift: pins.clone(), pairs, objective, cholesky, pins }
     }
-    let symbolic = Arc::new(Symbolic::new(poses.len(), &pairs, M));
-    let mut cholesky = Cholesky::<M>::new(symbolic, &pairs);
-    let slack = (2..=8).rev().map(|digits| 10f64.powi(-digits)).find(|slack| {
-        let shift = vec![SVector::<f64, M>::from_element(*slack); poses.len()];
-        cholesky.factor(&matrix, Some(&shift)).is_ok()
-    });
-    Ok(Certificate { objective, slack, stationarity })
+
+    /// A factor of `Q`, slightly shifted.
+    ///
+    /// # Errors
+    /// The node at which a pivot was not positive.
+    pub(crate) fn preconditioner(&mut self) -> Result<Cholesky<M>, usize> {
+        let scale = self.objective.diagonal.iter().map(SMatrix::amax).fold(0.0, f64::max);
+        self.set_shift(PRECONDITIONER_SHIFT * scale);
+        let mut cholesky = self.cholesky.clone();
+        cholesky.factor(&self.objective, Some(&self.shift)).map(|()| cholesky)
+    }
+
+    /// `Q - Λ`.
+    pub(crate) fn certificate_matrix(&self, multipliers: &[SMatrix<f64, D, D>]) -> BlockMatrix<M> {
+        let mut matrix = self.objective.clone();
+        for (block, multiplier) in matrix.diagonal.iter_mut().zip(multipliers) {
+            let mut rotation = block.fixed_view_mut::<D, D>(0, 0);
+            rotation -= multiplier;
+        }
+        matrix
+    }
+
+    fn set_shift(&mut self, shift: f64) {
+        for (s, pin) in self.shift.iter_mut().zip(&self.pins) {
+            *s = SVector::from_fn(|row, _| if row < D { shift } else { pin[D] });
+        }
+    }
+
+    /// Whether the matrix plus `shift` times the identity on the rotations is positive definite; if so, its factor
+    /// is what [`Dual::solve`] uses.
+    pub(crate) fn is_positive(&mut self, matrix: &BlockMatrix<M>, shift: f64) -> bool {
+        self.set_shift(shift);
+        self.cholesky.factor(matrix, Some(&self.shift)).is_ok()
+    }
+
+    /// Solves with the matrix that was last found positive.
+    pub(crate) fn solve(&mut self, v: &mut [SVector<f64, M>]) {
+        self.cholesky.solve(v);
+    }
+
+    /// The smallest of 1e-8, 1e-7, ... 1e-2 that makes the matrix positive definite; past the first only while the
+    /// gap is at most `largest_gap`.
+    pub(crate) fn slack(&mut self, matrix: &BlockMatrix<M>, largest_gap: f64) -> Option<f64> {
+        (2..=8)
+            .rev()
+            .map(|digits| 10f64.powi(-digits))
+            .take_while(|slack| {
+                *slack <= LEAST_SLACK || self.pins.len() as f64 * D as f64 * slack <= largest_gap
+            })
+            .collect::<Vec<f64>>()
+            .into_iter()
+            .find(|slack| self.is_positive(matrix, *slack))
+    }
+
+    /// How far the objective can be from the optimum: each rotation has squared norm `D`.
+    pub(crate) fn gap(&self, slack: f64) -> f64 {
+        slack * (self.pins.len() * D) as f64
+    }
 }
 
 /// The three blocks one edge adds to the matrix of the objective: at `(i, i)`, `(j, j)` and `(j, i)`.
@@ -179,23 +269,6 @@ fn connection<const D: usize, const M: usize>(
         mixed[(D, c)] -= edge.tau * seen[c];
     }
     (at_i, at_j, mixed)
-}
-
-/// The matrix times the stacked transposed poses `(R, t)ᵀ`, by node.
-fn times_poses<const D: usize, const M: usize>(
-    matrix: &BlockMatrix<M>,
-    pairs: &[(u32, u32)],
-    poses: &[Parts<D>],
-) -> Vec<SMatrix<f64, M, D>> {
-    let stacked: Vec<SMatrix<f64, M, D>> =
-        poses.iter().map(|(r, t)| SMatrix::from_fn(|i, c| if i < D { r[(c, i)] } else { t[c] })).collect();
-    let mut product: Vec<SMatrix<f64, M, D>> =
-        matrix.diagonal.iter().zip(&stacked).map(|(block, x)| block * x).collect();
-    for (block, (row, column)) in matrix.off_diagonal.iter().zip(pairs) {
-        product[*row as usize] += block * stacked[*column as usize];
-        product[*column as usize] += block.transpose() * stacked[*row as usize];
-    }
-    product
 }
 
 impl CustomFactor<nalgebra::Isometry2<f64>, 3> for ChordalFactor<2> {

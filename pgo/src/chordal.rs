@@ -6,6 +6,7 @@ use nalgebra::{Translation, UnitComplex, UnitQuaternion};
 
 use crate::certify::{Certificate, Parts, certify_parts, factors, parts2, parts3};
 use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
+use crate::staircase::{StaircaseParams, StaircaseSolution, climb};
 use crate::{CustomFactor, Error, Measurement, PoseGraph};
 
 /// Poses for which chordal relaxation is known: those of the plane and of space.
@@ -21,6 +22,13 @@ pub trait ChordalPose<const N: usize>: LieGroup<N> {
     /// The certificate at the present poses; called by [`crate::certify()`].
     #[doc(hidden)]
     fn certify(graph: &PoseGraph<Self, N>) -> Result<Certificate, Error>;
+
+    /// The staircase from the present poses; called by [`crate::staircase()`].
+    #[doc(hidden)]
+    fn staircase(
+        graph: &PoseGraph<Self, N>,
+        params: &StaircaseParams,
+    ) -> Result<StaircaseSolution<Self>, Error>;
 }
 
 /// Moves the poses of `graph` to the chordal relaxation of its relative poses, which needs no first guess:
@@ -57,13 +65,7 @@ impl ChordalPose<3> for Isometry2<f64> {
             Rotation2::new(angle).into_inner()
         };
         let relaxed = relax(graph, &edges, &start, project)?;
-        Ok(relaxed
-            .into_iter()
-            .map(|(r, t)| {
-                let rotation = UnitComplex::from_rotation_matrix(&Rotation2::from_matrix_unchecked(r));
-                Isometry2::from_parts(Translation::from(t), rotation)
-            })
-            .collect())
+        Ok(relaxed.iter().map(pose2).collect())
     }
 
     fn chordal_factors(graph: &PoseGraph<Self, 3>) -> Result<Vec<Arc<dyn CustomFactor<Self, 3>>>, Error> {
@@ -72,7 +74,18 @@ impl ChordalPose<3> for Isometry2<f64> {
 
     fn certify(graph: &PoseGraph<Self, 3>) -> Result<Certificate, Error> {
         let poses: Vec<Parts<2>> = graph.poses.iter().map(parts2).collect();
-        certify_parts::<2, 3>(&edges2(graph)?, &poses)
+        Ok(certify_parts::<2, 3>(&edges2(graph)?, &poses))
+    }
+
+    fn staircase(
+        graph: &PoseGraph<Self, 3>,
+        params: &StaircaseParams,
+    ) -> Result<StaircaseSolution<Self>, Error> {
+        let (edges, start) = (edges2(graph)?, graph.poses.iter().map(parts2).collect::<Vec<_>>());
+        let climb = climb::<2, 3>(&edges, &start, params)
+            .map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?;
+        let poses = climb.poses.iter().map(pose2).collect();
+        Ok(climb.into_solution(graph, &edges, poses))
     }
 }
 
@@ -81,13 +94,7 @@ impl ChordalPose<6> for Isometry3<f64> {
         let edges = edges3(graph)?;
         let start: Vec<Start<3>> = starts(graph, &edges, parts3);
         let relaxed = relax(graph, &edges, &start, project3)?;
-        Ok(relaxed
-            .into_iter()
-            .map(|(r, t)| {
-                let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r));
-                Isometry3::from_parts(Translation::from(t), rotation)
-            })
-            .collect())
+        Ok(relaxed.iter().map(pose3).collect())
     }
 
     fn chordal_factors(graph: &PoseGraph<Self, 6>) -> Result<Vec<Arc<dyn CustomFactor<Self, 6>>>, Error> {
@@ -96,8 +103,29 @@ impl ChordalPose<6> for Isometry3<f64> {
 
     fn certify(graph: &PoseGraph<Self, 6>) -> Result<Certificate, Error> {
         let poses: Vec<Parts<3>> = graph.poses.iter().map(parts3).collect();
-        certify_parts::<3, 4>(&edges3(graph)?, &poses)
+        Ok(certify_parts::<3, 4>(&edges3(graph)?, &poses))
     }
+
+    fn staircase(
+        graph: &PoseGraph<Self, 6>,
+        params: &StaircaseParams,
+    ) -> Result<StaircaseSolution<Self>, Error> {
+        let (edges, start) = (edges3(graph)?, graph.poses.iter().map(parts3).collect::<Vec<_>>());
+        let climb = climb::<3, 4>(&edges, &start, params)
+            .map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?;
+        let poses = climb.poses.iter().map(pose3).collect();
+        Ok(climb.into_solution(graph, &edges, poses))
+    }
+}
+
+fn pose2((r, t): &Parts<2>) -> Isometry2<f64> {
+    let rotation = UnitComplex::from_rotation_matrix(&Rotation2::from_matrix_unchecked(*r));
+    Isometry2::from_parts(Translation::from(*t), rotation)
+}
+
+fn pose3((r, t): &Parts<3>) -> Isometry3<f64> {
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*r));
+    Isometry3::from_parts(Translation::from(*t), rotation)
 }
 
 fn edges2(graph: &PoseGraph<Isometry2<f64>, 3>) -> Result<Vec<Edge<2>>, Error> {
@@ -121,7 +149,7 @@ fn edges3(graph: &PoseGraph<Isometry3<f64>, 6>) -> Result<Vec<Edge<3>>, Error> {
 }
 
 /// The nearest rotation in the Frobenius norm.
-fn project3(m: &Matrix3<f64>) -> Matrix3<f64> {
+pub(crate) fn project3(m: &Matrix3<f64>) -> Matrix3<f64> {
     let svd = m.svd(true, true);
     let (Some(u), Some(vt)) = (svd.u, svd.v_t) else { return Matrix3::identity() };
     let mut sign = Matrix3::identity();

@@ -111,4 +111,49 @@ pub enum Error {
         /// The key.
         key: Key,
     },
+    /// What is wrong in a file.
+    #[error("{path}: {error}")]
+    InFile {
+        /// The path as given.
+        path: String,
+        /// The error, most often [`Error::Parse`] with the line.
+        error: Box<Error>,
+    },
+    /// Two files of a team that contradict each other.
+    #[error("pose {key} has one value in {first} and another in {second}")]
+    Contradiction {
+        /// The pose.
+        key: Key,
+        /// The file that was read first.
+        first: String,
+        /// The other file.
+        second: String,
+    },
+    /// Two trajectories to compare of different lengths.
+    #[error(
+        "the estimate has {estimate} poses and the reference {reference}: they are compared pose by pose"
+    )]
+    Lengths {
+        /// Poses of the estimate.
+        estimate: usize,
+        /// Poses of the reference.
+        reference: usize,
+    },
+    /// A trajectory that holds a NaN or an infinity.
+    #[error("pose {index} of the {trajectory} holds a number that is not finite")]
+    Trajectory {
+        /// `estimate` or `reference`.
+        trajectory: &'static str,
+        /// Position of the pose in the trajectory.
+        index: usize,
+    },
+    /// Positions too few, or all on a point or a line, so that no one alignment is best.
+    #[error("the positions lie on a point or a line: no alignment is unique")]
+    Alignment,
+    /// A relative error over a distance the trajectory does not hold.
+    #[error("no two poses are {delta} apart")]
+    NoPairs {
+        /// The distance, in the unit asked for.
+        delta: f64,
+    },
 }

@@ -204,12 +204,6 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
         self.betweens.iter().map(|f| f.id)
     }
 
-    /// Squared whitened residual of the `index`-th relative pose.
-    pub(crate) fn between_chi2(&self, index: usize, poses: &[G]) -> f64 {
-        let f = &self.betweens[index];
-        quadratic(&f.information, &between_residual(f, poses))
-    }
-
     /// Scales the cost of the `index`-th relative pose.
     pub(crate) fn set_scale(&mut self, index: usize, scale: f64) {
         self.betweens[index].scale = scale;

@@ -47,9 +47,69 @@ fn bad_lines_are_named() {
             other => panic!("{text:?} gave {other:?}"),
         }
     }
+    for (text, says) in [
+        ("EDGE_SE2 3 4 1 0 0 1 0 0 1 0 nan\n", "3 -> 4"),
+        ("EDGE_SE2 3 4 1 0 0 1 0 0 1 0 -1\n", "3 -> 4"),
+        ("VERTEX_SE2 5 0 inf 0\n", "pose 5"),
+        ("VERTEX_SE2 5 0 0 0\nFIX 6\n", "pose 6"),
+        ("EDGE_PRIOR_SE2 8 0 0 0 1 0 0 1 0 0\n", "pose 8"),
+    ] {
+        let error = g2o::parse_any(text).unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    }
+    let twice = g2o::parse_any("VERTEX_SE2 0 0 0 0\n\nVERTEX_SE2 0 0 0 0\n").unwrap_err();
+    assert_eq!(twice.to_string(), "line 3: pose 0 is declared twice, first in line 1");
     assert!(matches!(g2o::parse_any("# nothing\n"), Err(Error::EmptyGraph)));
     assert!(matches!(g2o::parse_any("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 0\n"), Err(Error::Parse { line: 1, .. })));
     assert!(matches!(g2o::read("no/such/file.g2o"), Err(Error::File { .. })));
+}
+
+#[test]
+fn ids_may_be_sparse_symbols_and_huge() {
+    let text = "VERTEX_SE2 6989586621679009792 0 0 0\nVERTEX_SE2 18446744073709551615 1 0 0\n\
+                EDGE_SE2 6989586621679009792 18446744073709551615 1 0 0 1 0 0 1 0 1\n\
+                EDGE_SE2 7 18446744073709551615 1 0 0 1 0 0 1 0 1\n";
+    let graph = parse2(text).unwrap();
+    let keys: Vec<Key> = graph.poses().map(|(key, _)| key).collect();
+    assert_eq!(keys, [Key::new(0, 7), Key::new(97, 0), Key::new(255, (1 << 56) - 1)]);
+    assert!(graph.pose(keys[0]).unwrap().translation.vector.norm() < 1e-12);
+    let again = parse2(&g2o::to_text(&graph).unwrap()).unwrap();
+    assert!(graph.poses().eq(again.poses()));
+}
+
+#[test]
+fn priors_of_a_sensor_become_priors_of_the_body() {
+    use draco_lie::LieGroup;
+    let offset = nalgebra::Isometry3::new(
+        nalgebra::Vector3::new(0.3, -0.2, 1.0),
+        nalgebra::Vector3::new(0.1, 0.5, -0.7),
+    );
+    let q = offset.rotation;
+    let t = offset.translation;
+    let body = "VERTEX_SE3:QUAT 4 1 2 3 0.5 -0.5 0.5 0.5\n";
+    let upper = "2 0.1 0 0 0 0 3 0 0.2 0 0 4 0 0 0.3 5 0 0 6 0.4 7";
+    let text = format!(
+        "PARAMS_SE3OFFSET 3 {} {} {} {} {} {} {}\n{body}EDGE_SE3_PRIOR 4 3 1.1 2 3.1 0.5 -0.5 0.5 0.5 {upper}\n",
+        t.x, t.y, t.z, q.i, q.j, q.k, q.w
+    );
+    let AnyGraph::Three(graph) = g2o::parse_any(&text).unwrap() else { panic!("not in space") };
+    // by hand: half the squared residual of the sensor's pose
+    let plain = text.replace(
+        &format!("PARAMS_SE3OFFSET 3 {} {} {} {} {} {} {}", t.x, t.y, t.z, q.i, q.j, q.k, q.w),
+        "PARAMS_SE3OFFSET 3 0 0 0 0 0 0 1",
+    );
+    let AnyGraph::Three(plain) = g2o::parse_any(&plain).unwrap() else { panic!("not in space") };
+    let (_, factor) = plain.factors().next().unwrap();
+    let draco_pgo::Measurement::Prior { measured, .. } = &factor.measurement else { panic!("not a prior") };
+    let e = measured.between(&(plain.pose(Key::new(0, 4)).unwrap() * offset)).log();
+    let expected = 0.5 * e.dot(&(factor.information * e));
+    assert!((graph.cost() - expected).abs() < 1e-10 * expected, "{} instead of {expected}", graph.cost());
+    let again = g2o::to_text(&graph).unwrap();
+    assert!(again.starts_with("PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n"));
+    let AnyGraph::Three(again) = g2o::parse_any(&again).unwrap() else { panic!("not in space") };
+    assert_eq!(again.cost().to_bits(), graph.cost().to_bits());
+    let error = g2o::parse_any(&text.replace("EDGE_SE3_PRIOR 4 3", "EDGE_SE3_PRIOR 4 9")).unwrap_err();
+    assert!(error.to_string().contains("offset 9"), "{error}");
 }
 
 #[test]
@@ -83,7 +143,7 @@ fn a_million_mutated_files_never_panic() {
 }
 
 fn mutate(rounds: usize) {
-    let space = "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nFIX 0\nEDGE_SE3:QUAT 0 1 1 0 0 0 0 0.6 0.8 \
+    let space = "PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nFIX 0\nEDGE_SE3:QUAT 0 1 1 0 0 0 0 0.6 0.8 \
                  1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1\n";
     let pieces: [&[u8]; 10] =
         [b"NaN", b"inf", b"-", b"1e999", b"\n", b" ", b"\xff", b"18446744073709551616", b"FIX 1", b"0"];

@@ -1,8 +1,10 @@
 //! Covariances against dense inversion of a Hessian by central differences of the cost.
 
+mod common;
+
 use draco_lie::LieGroup;
 use draco_pgo::{Gauge, Kernel, Key, Marginals, PoseGraph, PoseGraph2, PoseGraph3, SolveParams, solve};
-use nalgebra::{DMatrix, Isometry2, Isometry3, SMatrix, SVector};
+use nalgebra::{DMatrix, Isometry2, Isometry3, Matrix3, SMatrix, SVector};
 use rand::{Rng, RngExt, SeedableRng};
 
 fn tangent<const N: usize>(rng: &mut impl Rng, scale: f64) -> SVector<f64, N> {
@@ -92,6 +94,80 @@ fn covariances_are_the_inverse_of_the_hessian_of_the_cost() {
     check::<6, Isometry3<f64>>(&exact_graph(5, 2));
 }
 
+/// The information matrix assembled from the Jacobians of each measurement, dense, with the first pose held.
+fn dense_information<const N: usize, G: LieGroup<N>>(graph: &PoseGraph<G, N>) -> DMatrix<f64> {
+    let keys: Vec<Key> = graph.poses().map(|(key, _)| key).collect();
+    let index = |key: Key| keys.binary_search(&key).unwrap();
+    let n = (keys.len() - 1) * N;
+    let mut hessian = DMatrix::<f64>::zeros(n, n);
+    for (_, factor) in graph.factors() {
+        let draco_pgo::Measurement::Between { from, to, measured } = &factor.measurement else { continue };
+        let (a, b) = (graph.pose(*from).unwrap(), graph.pose(*to).unwrap());
+        let e = G::between_error_with_jacobians(measured, a, b);
+        let ends = [(index(*from), e.first), (index(*to), e.second)];
+        for (r, jr) in ends.iter().filter(|(i, _)| *i > 0) {
+            for (c, jc) in ends.iter().filter(|(i, _)| *i > 0) {
+                let mut block = hessian.fixed_view_mut::<N, N>((r - 1) * N, (c - 1) * N);
+                block += jr.transpose() * factor.information * jc;
+            }
+        }
+    }
+    hessian
+}
+
+/// Largest deviation of covariances from dense inversion, relative to the covariance compared.
+fn against_dense<const N: usize, G: LieGroup<N>>(mut graph: PoseGraph<G, N>, name: &str) {
+    let solution = solve(&graph, &SolveParams::default()).unwrap();
+    graph.update(&solution);
+    let inverse = dense_information(&graph).cholesky().unwrap().inverse();
+    let marginals = Marginals::new(&graph, Gauge::HoldFirst).unwrap();
+    let keys: Vec<Key> = graph.poses().map(|(key, _)| key).collect();
+    let (mut worst, mut worst_all): (f64, f64) = (0.0, 0.0);
+    for ((i, a), (_, all)) in keys.iter().enumerate().zip(marginals.all()).skip(1) {
+        let expected = inverse.fixed_view::<N, N>((i - 1) * N, (i - 1) * N).into_owned();
+        let difference = |found: SMatrix<f64, N, N>| (found - expected).amax() / expected.amax();
+        worst = worst.max(difference(marginals.covariance(*a).unwrap()));
+        worst_all = worst_all.max(difference(all));
+        let j = 1 + (i * 37 + 11) % (keys.len() - 1);
+        let joint = marginals.joint(*a, keys[j]).unwrap();
+        let cross = inverse.fixed_view::<N, N>((i - 1) * N, (j - 1) * N).into_owned();
+        let scale = (joint.first.amax() * joint.second.amax()).sqrt();
+        worst = worst.max((joint.cross - cross).amax() / scale);
+    }
+    println!("{name}: chosen poses {worst:.1e}, all poses {worst_all:.1e} off dense inversion");
+    assert!(worst <= 1e-9 && worst_all <= 1e-9, "{name}: {worst:e} {worst_all:e}");
+}
+
+#[test]
+fn covariances_equal_dense_inversion() {
+    let (mut plane, mut space) = (exact_graph::<3, Isometry2<f64>>(150, 21), exact_graph::<6, Isometry3<f64>>(70, 22));
+    // the dense matrix knows relative poses only
+    plane.remove_factor(draco_pgo::FactorId(0)).unwrap();
+    space.remove_factor(draco_pgo::FactorId(0)).unwrap();
+    against_dense(plane, "random, plane");
+    against_dense(space, "random, space");
+    use draco_pgo::io::g2o::{self, AnyGraph};
+    for name in ["tinyGrid3D", "smallGrid3D", "multi/dm4/0"] {
+        let Some(path) = common::data(&format!("pgo/{name}.g2o")) else { return };
+        match g2o::read(path).unwrap() {
+            AnyGraph::Two(graph) => against_dense(graph, name),
+            AnyGraph::Three(graph) => against_dense(graph, name),
+        }
+    }
+}
+
+#[test]
+#[ignore = "dense inversion of thousands of rows takes minutes in the dev profile"]
+fn covariances_equal_dense_inversion_on_large_sets() {
+    use draco_pgo::io::g2o::{self, AnyGraph};
+    for name in ["CSAIL", "MIT", "intel"] {
+        let Some(path) = common::data(&format!("pgo/{name}.g2o")) else { return };
+        let AnyGraph::Two(mut graph) = g2o::read(path).unwrap() else { panic!("not in the plane") };
+        draco_pgo::chordal(&mut graph).unwrap();
+        against_dense(graph, name);
+    }
+}
+
 #[test]
 fn relative_covariance_of_one_measurement_is_the_measurement_noise() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
@@ -120,7 +196,11 @@ fn estimates_scatter_as_the_joint_covariance_says() {
     copy(&truth, &mut exact, |z, omega| (z, scaled(omega)));
     let (a, b) = (Key::new(0, 2), Key::new(0, 4));
     let expected = Marginals::new(&exact, Gauge::Require).unwrap().joint_of(&[a, b]).unwrap();
+    let relative = Marginals::new(&exact, Gauge::Require).unwrap().relative(a, b).unwrap();
     let whiten = expected.clone().cholesky().unwrap().l();
+    let whiten_relative = relative.cholesky().unwrap().l();
+    let true_relative = truth.pose(a).unwrap().between(truth.pose(b).unwrap());
+    let mut relative_sum = Matrix3::<f64>::zeros();
     let runs = 3000;
     let mut sum = DMatrix::<f64>::zeros(6, 6);
     for _ in 0..runs {
@@ -141,7 +221,11 @@ fn estimates_scatter_as_the_joint_covariance_says() {
         }
         let white = whiten.solve_lower_triangular(&error).unwrap();
         sum += &white * white.transpose();
+        let seen = solution.pose(a).unwrap().between(solution.pose(b).unwrap());
+        let white = whiten_relative.solve_lower_triangular(&seen.minus(&true_relative)).unwrap();
+        relative_sum += white * white.transpose();
     }
+    assert!((relative_sum / f64::from(runs) - Matrix3::identity()).amax() < 0.12);
     let sample = sum / f64::from(runs);
     // entries of a whitened sample covariance scatter by sqrt(2 / runs) = 0.026 at most
     assert!((sample - DMatrix::identity(6, 6)).amax() < 0.12);

@@ -29,7 +29,14 @@ fn grade<const N: usize, G: LieGroup<N>>(mut graph: PoseGraph<G, N>, share: f64)
         });
         graph.add_between(Key::new(0, i), Key::new(0, j), G::exp(&xi), information, Kernel::None).unwrap();
     }
+    let start = std::time::Instant::now();
     let found = gnc(&graph, &params).unwrap();
+    println!(
+        "{} candidates, {} rounds, {:.2} s wall",
+        graph.factor_count() - params.known_inliers.len(),
+        found.rounds,
+        start.elapsed().as_secs_f64()
+    );
     let kept: Vec<FactorId> =
         found.inliers.into_iter().filter(|id| !params.known_inliers.contains(id)).collect();
     let right = kept.iter().filter(|id| closures.contains(id)).count() as f64;

@@ -1,9 +1,13 @@
 use draco_lie::LieGroup;
-use nalgebra::{DMatrix, SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix};
 
 use crate::problem::{HELD, Problem};
 use crate::sparse::{Cholesky, SelectedInverse};
 use crate::{Error, Gauge, Key, PoseGraph};
+
+mod path;
+
+pub(crate) use path::{PathColumns, PathWork};
 
 /// Covariance of two poses together, each in its own body frame, order translation then rotation.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,11 +55,13 @@ impl<const N: usize, G: LieGroup<N>> Marginals<G, N> {
 
     /// Covariance of one pose.
     ///
+    /// Costs a forward substitution along one path of the elimination tree.
+    ///
     /// # Errors
     /// [`Error::UnknownKey`].
     pub fn covariance(&self, key: Key) -> Result<SMatrix<f64, N, N>, Error> {
-        let column = self.column(key)?;
-        Ok(self.block(&self.inverse_columns(column), column))
+        let column = self.columns_of(&[key])?;
+        Ok(block(&column[0], &column[0]))
     }
 
     /// Covariance of every pose, ascending by key, by selective inversion: about the cost of two factorisations
@@ -74,28 +80,29 @@ impl<const N: usize, G: LieGroup<N>> Marginals<G, N> {
     /// # Errors
     /// [`Error::UnknownKey`].
     pub fn joint(&self, first: Key, second: Key) -> Result<JointCovariance<N>, Error> {
-        let (a, b) = (self.column(first)?, self.column(second)?);
-        let (of_a, of_b) = (self.inverse_columns(a), self.inverse_columns(b));
+        let columns = self.columns_of(&[first, second])?;
         Ok(JointCovariance {
-            first: self.block(&of_a, a),
-            second: self.block(&of_b, b),
-            cross: self.block(&of_b, a),
+            first: block(&columns[0], &columns[0]),
+            second: block(&columns[1], &columns[1]),
+            cross: block(&columns[0], &columns[1]),
         })
     }
 
     /// Joint covariance of several poses, `N × N` blocks in the order of `keys`.
     ///
-    /// Costs `N` solves a pose, however many pairs there are.
+    /// Costs a forward substitution along one path of the elimination tree for each pose, and a product over the
+    /// common part of two paths for each pair.
     ///
     /// # Errors
     /// [`Error::UnknownKey`].
     pub fn joint_of(&self, keys: &[Key]) -> Result<DMatrix<f64>, Error> {
-        let columns = keys.iter().map(|key| self.column(*key)).collect::<Result<Vec<u32>, _>>()?;
+        let columns = self.columns_of(keys)?;
         let mut joint = DMatrix::zeros(keys.len() * N, keys.len() * N);
         for (c, column) in columns.iter().enumerate() {
-            let inverse = self.inverse_columns(*column);
-            for (r, row) in columns.iter().enumerate() {
-                joint.view_mut((r * N, c * N), (N, N)).copy_from(&self.block(&inverse, *row));
+            for (r, row) in columns[..=c].iter().enumerate() {
+                let covariance = block(row, column);
+                joint.view_mut((r * N, c * N), (N, N)).copy_from(&covariance);
+                joint.view_mut((c * N, r * N), (N, N)).copy_from(&covariance.transpose());
             }
         }
         Ok(joint)
@@ -103,43 +110,45 @@ impl<const N: usize, G: LieGroup<N>> Marginals<G, N> {
 
     /// Covariance of the relative pose `first⁻¹ second`, in the body frame of `second`.
     ///
+    /// Computed as a Gram matrix, so it is positive semidefinite also where the two poses share almost all of a
+    /// large uncertainty.
+    ///
     /// # Errors
     /// [`Error::UnknownKey`].
     pub fn relative(&self, first: Key, second: Key) -> Result<SMatrix<f64, N, N>, Error> {
-        let joint = self.joint(first, second)?;
+        let columns = self.columns_of(&[first, second])?;
         let [a, b] = [first, second].map(|key| self.slots.get(&key).map(|slot| &self.poses[*slot as usize]));
+        // δ(a⁻¹ b) = δ_b - Ad(b⁻¹ a) δ_a
         let adjoint = a.zip(b).map_or_else(SMatrix::identity, |(a, b)| b.between(a).adjoint());
-        let mixed = adjoint * joint.cross;
-        Ok(adjoint * joint.first * adjoint.transpose() + joint.second - mixed - mixed.transpose())
+        Ok(match (&columns[0], &columns[1]) {
+            (Some(a), Some(b)) => {
+                let difference = b.minus(a, &adjoint);
+                difference.product(&difference)
+            }
+            (Some(a), None) => adjoint * a.product(a) * adjoint.transpose(),
+            (None, b) => block(b, b),
+        })
     }
 
-    fn column(&self, key: Key) -> Result<u32, Error> {
-        self.slots.get(&key).map(|slot| self.columns[*slot as usize]).ok_or(Error::UnknownKey { key })
-    }
-
-    /// The `N` columns of the inverse Hessian that belong to one block column.
-    fn inverse_columns(&self, column: u32) -> Vec<Vec<SVector<f64, N>>> {
-        if column == HELD {
-            return Vec::new();
-        }
-        let mut work = vec![0.0; self.cholesky.work_length()];
-        (0..N)
-            .map(|c| {
-                let mut x = vec![SVector::zeros(); self.cholesky.symbolic().columns()];
-                x[column as usize][c] = 1.0;
-                self.cholesky.solve_with(&mut work, &mut x);
-                x
+    /// The columns `L⁻¹ E` of each pose; `None` for those that do not move.
+    fn columns_of(&self, keys: &[Key]) -> Result<Vec<Option<PathColumns<N>>>, Error> {
+        let mut work = PathWork::new(&self.cholesky);
+        keys.iter()
+            .map(|key| {
+                let slot = self.slots.get(key).ok_or(Error::UnknownKey { key: *key })?;
+                Ok(match self.columns[*slot as usize] {
+                    HELD => None,
+                    column => Some(PathColumns::new(&self.cholesky, &mut work, column)),
+                })
             })
             .collect()
     }
+}
 
-    fn block(&self, columns: &[Vec<SVector<f64, N>>], row: u32) -> SMatrix<f64, N, N> {
-        let mut block = SMatrix::<f64, N, N>::zeros();
-        if row != HELD {
-            for (c, column) in columns.iter().enumerate() {
-                block.set_column(c, &column[row as usize]);
-            }
-        }
-        block
-    }
+/// A block of the covariance; zero where either pose does not move.
+fn block<const N: usize>(
+    row: &Option<PathColumns<N>>,
+    column: &Option<PathColumns<N>>,
+) -> SMatrix<f64, N, N> {
+    row.as_ref().zip(column.as_ref()).map_or_else(SMatrix::zeros, |(a, b)| a.product(b))
 }
