@@ -29,7 +29,7 @@ pub use certify::{Certificate, certify, chordal_objective};
 pub use chordal::{ChordalPose, chordal};
 pub use error::Error;
 pub use factor::{CustomFactor, Factor, FactorId, Measurement};
-pub use gnc::{GncLoss, GncParams, GncSolution, gnc};
+pub use gnc::{GncLoss, GncParams, GncSolution, GncStart, gnc};
 pub use graph::{Component, PoseGraph, PoseGraph2, PoseGraph3};
 pub use incremental::{
     Incremental, Incremental2, Incremental3, IncrementalMode, IncrementalParams, IncrementalUpdate,

@@ -140,7 +140,8 @@ fn against_dense<const N: usize, G: LieGroup<N>>(mut graph: PoseGraph<G, N>, nam
 
 #[test]
 fn covariances_equal_dense_inversion() {
-    let (mut plane, mut space) = (exact_graph::<3, Isometry2<f64>>(150, 21), exact_graph::<6, Isometry3<f64>>(70, 22));
+    let (mut plane, mut space) =
+        (exact_graph::<3, Isometry2<f64>>(150, 21), exact_graph::<6, Isometry3<f64>>(70, 22));
     // the dense matrix knows relative poses only
     plane.remove_factor(draco_pgo::FactorId(0)).unwrap();
     space.remove_factor(draco_pgo::FactorId(0)).unwrap();

@@ -108,7 +108,7 @@ impl<const N: usize, G: LieGroup<N>> CondensingAgent<G, N> {
             shared,
             models: BTreeMap::new(),
             // models know nothing of a relaxed start
-            params: SolveParams { max_iterations: 3, start: Start::Given, ..SolveParams::default() },
+            params: SolveParams { max_iterations: 1, start: Start::Given, ..SolveParams::default() },
             sequence: 0,
         })
     }

@@ -64,11 +64,13 @@ pub fn align<const N: usize, G: TrajectoryPose<N>>(
     align_in_space(&estimate, &reference, alignment, G::PLANAR)
 }
 
+type Path = Vec<Isometry3<f64>>;
+
 /// Both trajectories in space, checked.
 pub(super) fn to_space<const N: usize, G: TrajectoryPose<N>>(
     estimate: &[G],
     reference: &[G],
-) -> Result<(Vec<Isometry3<f64>>, Vec<Isometry3<f64>>), Error> {
+) -> Result<(Path, Path), Error> {
     if estimate.len() != reference.len() {
         return Err(Error::Lengths { estimate: estimate.len(), reference: reference.len() });
     }

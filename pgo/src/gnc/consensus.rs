@@ -10,8 +10,8 @@ use crate::{Error, PoseGraph};
 const ROUNDS: usize = 30;
 /// Steps of the optimisation after each round.
 const STEPS: usize = 6;
-/// Share of random measurements expected among those taken in; the graduation throws them out again.
-const FALSE_SHARE: f64 = 0.05;
+/// Share of random measurements expected among those taken in.
+const FALSE_SHARE: f64 = 0.01;
 /// Largest variance of a rotation, in rad², at which its distribution still is near enough to a Gaussian one to
 /// judge by.
 const LARGEST_TURN: f64 = 0.1;

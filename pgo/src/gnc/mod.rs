@@ -145,7 +145,7 @@ pub fn gnc<const N: usize, G: LieGroup<N>>(
             // with the outliers in, an optimum is worth nothing: a few steps find what has to be graduated
             let weights = vec![1.0; candidates.len()];
             run.optimise(&weights, &mut poses, START_STEPS)?;
-            schedule.from_worst(run.chi2(&poses).fold(0.0, f64::max));
+            schedule.start_convex(run.chi2(&poses).fold(0.0, f64::max));
             weights
         }
     };

@@ -23,7 +23,7 @@ impl<'a> Schedule<'a> {
     }
 
     /// The control parameter at which the surrogate cost is convex up to the largest squared residual.
-    pub(super) fn from_worst(&mut self, worst: f64) {
+    pub(super) fn start_convex(&mut self, worst: f64) {
         self.control = match self.params.loss {
             GncLoss::TruncatedLeastSquares if worst <= self.limit => f64::INFINITY,
             GncLoss::TruncatedLeastSquares => self.limit / (2.0 * worst - self.limit),

@@ -178,7 +178,8 @@ pub(crate) fn climb<const D: usize, const M: usize>(
     let poses = parts::<D, M>(&descent.point);
     let certificate = crate::certify::certify_parts_with(&mut dual, edges, &poses);
     let termination = if descent.converged { Termination::Converged } else { Termination::MaxIterations };
-    let outcome = Outcome { cost: 0.5 * descent.cost, iterations, termination, ..Outcome::at_start(0.5 * initial) };
+    let outcome =
+        Outcome { cost: 0.5 * descent.cost, iterations, termination, ..Outcome::at_start(0.5 * initial) };
     Ok(Climb { poses, certificate, lower_bound, rank, outcome })
 }
 
