@@ -82,15 +82,9 @@ fn measure<const N: usize, G: ChordalPose<N>>(mut graph: PoseGraph<G, N>, file: 
     Ok(())
 }
 
-/// CPU time of this process so far; wall time where the system does not tell.
+/// CPU time of this process so far.
 fn cpu_ms() -> f64 {
-    use std::sync::OnceLock;
-    use std::time::Instant;
-    static START: OnceLock<Instant> = OnceLock::new();
-    let start = START.get_or_init(Instant::now);
-    let scheduler = std::fs::read_to_string("/proc/self/schedstat").ok();
-    let nanoseconds = scheduler.and_then(|s| s.split(' ').next()?.parse::<f64>().ok());
-    nanoseconds.map_or_else(|| start.elapsed().as_secs_f64() * 1e3, |ns| ns / 1e6)
+    cpu_time::ProcessTime::now().as_duration().as_secs_f64() * 1e3
 }
 
 fn ring(heading: impl Fn(u64) -> f64) -> Result<PoseGraph2, Error> {
