@@ -44,8 +44,34 @@ pub(super) fn refine(problem: &Problem, guess: &Isometry2<f64>) -> Option<Explan
         pairs = next;
         transform = fit_rigid(&ties(problem, &pairs));
     }
+    let found = weigh(problem, transform, pairs)?;
+    Some(match without_strays(problem, &found) {
+        Some(other) if other.log_evidence > found.log_evidence => other,
+        _ => found,
+    })
+}
+
+/// The same without the pairs at the rim of the gate: one that is wrong bends the fit so that it stays within.
+fn without_strays(problem: &Problem, found: &Explanation) -> Option<Explanation> {
+    let near = |transform: &Isometry2<f64>, (i, a): (usize, usize)| {
+        (problem.p1[i] - transform * problem.p2[a]).norm_squared() / problem.variance(i, a) <= STRAY_CHI2
+    };
+    let core: Vec<(usize, usize)> =
+        found.pairs.iter().copied().filter(|&pair| near(&found.map1_from_map2, pair)).collect();
+    if core.len() == found.pairs.len() || core.len() < problem.fewest_pairs() {
+        return None;
+    }
+    let transform = fit_rigid(&ties(problem, &core));
+    let pairs = matches(problem, &transform, problem.params.gate);
+    if pairs.len() < problem.fewest_pairs() {
+        return None;
+    }
+    let transform = fit_rigid(&ties(problem, &pairs));
     weigh(problem, transform, pairs)
 }
+
+/// 95 % of χ² with 2 degrees.
+const STRAY_CHI2: f64 = 5.99;
 
 /// One-to-one pairs within `gate` standard deviations under `transform`, the best pair first come.
 fn matches(problem: &Problem, transform: &Isometry2<f64>, gate: f64) -> Vec<(usize, usize)> {

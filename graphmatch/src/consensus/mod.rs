@@ -42,8 +42,8 @@ pub struct ConsensusParams {
     /// Logarithm of the odds, before looking, that the maps have nothing in common; below it a best mode is
     /// [`Verdict::None`](crate::Verdict::None). Default −2.5: robots compare maps when they expect an overlap.
     pub log_odds_nothing: f64,
-    /// Fewest pairs of a mode. Default 4; one fewer will do where both maps repeat themselves, as two pilings of a row and
-    /// one other object may be all that two robots share.
+    /// Fewest pairs of a mode. Default 4; one fewer will do where a map repeats itself, as two pilings of a row and one other
+    /// object may be all that two robots share.
     pub min_pairs: usize,
 }
 

@@ -95,8 +95,8 @@ impl<'a> Problem<'a> {
     /// Fewest pairs of a mode.
     pub(super) fn fewest_pairs(&self) -> usize {
         let repeats = |repeated: &[bool]| repeated.contains(&true);
-        let both = repeats(&self.repeated1) && repeats(&self.repeated2);
-        self.params.min_pairs.saturating_sub(usize::from(both))
+        let either = repeats(&self.repeated1) || repeats(&self.repeated2);
+        self.params.min_pairs.saturating_sub(usize::from(either))
     }
 
     /// Likeness of a pair, -∞ where ruled out.

@@ -15,8 +15,8 @@ const SELF_MATCHES: usize = 40;
 /// Share of the objects in the common area that must fall together, and of all objects.
 const SHARE_INSIDE: f64 = 0.6;
 const SHARE_OF_ALL: f64 = 0.4;
-/// Fewest pairs of a self-match at places of their own; small maps have up to four by chance.
-const FEWEST: usize = 5;
+/// Fewest coincidences of a self-match: small maps have five, those of four pairs of places, by chance.
+const FEWEST: usize = 6;
 
 /// Which objects a shift or turn of the map brings onto other objects together with many more. Rows of pilings match
 /// their neighbours as well as themselves, so a match of many of them is no evidence for one shift against the next.
@@ -45,7 +45,7 @@ pub(super) fn repeated(
             continue;
         }
         let pairs = found.pairs.len() as f64;
-        let strong = separate(&problem, &found.pairs) >= FEWEST
+        let strong = coincidences(&problem, &found.pairs) >= FEWEST
             && pairs >= SHARE_OF_ALL * map.len() as f64
             && pairs >= SHARE_INSIDE * found.inside;
         if strong {
@@ -58,15 +58,21 @@ pub(super) fn repeated(
     repeated
 }
 
-/// Pairs that are no mere neighbours of another one: things that stand closer together than the gate looks fall
-/// together in groups.
-fn separate(problem: &Problem, pairs: &[(usize, usize)]) -> usize {
+/// Coordinates that agree beyond what it takes to fix the transform.
+///
+/// Things that stand closer together than the gate looks fall together in groups and count once. In a half turn each pair
+/// comes twice, as its ends change places; it counts once, and as the angle is given the turn has only two freedoms.
+fn coincidences(problem: &Problem, pairs: &[(usize, usize)]) -> usize {
     let apart = 2.0 * problem.params.gate * problem.largest_sigma;
-    let mut kept: Vec<usize> = Vec::new();
-    for &(i, _) in pairs {
-        if kept.iter().all(|&k| (problem.p1[i] - problem.p1[k]).norm() > apart) {
-            kept.push(i);
+    let far = |k: usize, l: usize| (problem.p1[k] - problem.p1[l]).norm() > apart;
+    let mut kept: Vec<(usize, usize)> = Vec::new();
+    let mut freedoms = 3;
+    for &(i, a) in pairs {
+        if kept.contains(&(a, i)) {
+            freedoms = 2;
+        } else if kept.iter().all(|&(j, _)| far(i, j)) {
+            kept.push((i, a));
         }
     }
-    kept.len()
+    (2 * kept.len()).saturating_sub(freedoms)
 }
