@@ -7,7 +7,7 @@ use super::{Permutation, Qap};
 /// Knobs of [`robust_tabu`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TabuParams {
-    /// Swaps made, all restarts together. Default 200,000.
+    /// Swaps made, all restarts together. Default 300,000.
     pub iterations: usize,
     /// Searches from random permutations that share the swaps. Default 4.
     pub restarts: usize,
@@ -15,7 +15,7 @@ pub struct TabuParams {
 
 impl Default for TabuParams {
     fn default() -> Self {
-        Self { iterations: 200_000, restarts: 4 }
+        Self { iterations: 300_000, restarts: 4 }
     }
 }
 
