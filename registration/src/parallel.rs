@@ -7,7 +7,10 @@ const CHUNK: usize = 2048;
 /// `work` on consecutive runs of `items`, its results joined in order. What it gives for an item must not depend
 /// on where its run starts.
 #[cfg(feature = "rayon")]
-pub(crate) fn map_chunks<I: Sync, T: Send>(items: &[I], work: impl Fn(&[I]) -> Vec<T> + Sync) -> Vec<T> {
+pub(crate) fn map_chunks<I: Sync, T: Send>(
+    items: &[I],
+    work: impl Fn(&[I]) -> Vec<T> + Send + Sync,
+) -> Vec<T> {
     use rayon::prelude::*;
     if items.len() <= CHUNK {
         return work(items);
@@ -38,7 +41,7 @@ pub(crate) fn join<A, B>(a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> (A, B)
 pub(crate) fn for_chunks<A: Send, B: Sync>(
     first: &mut [A],
     second: &[B],
-    work: impl Fn(&mut [A], &[B]) + Sync,
+    work: impl Fn(&mut [A], &[B]) + Send + Sync,
 ) {
     use rayon::prelude::*;
     if first.len() <= CHUNK {
