@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 use draco_consistency::simulate::{Bias, Harbor, Label, Meetings, SimulatedTeam, harbor};
 use draco_consistency::{
-    Closure2, Error, GcmParams, GroupParams, PcmParams, PooledParams, Selection, gcm, gcm_group, gcm_pooled,
-    isotropic_covariance, pcm,
+    Closure2, Error, Gcm, GcmParams, GroupParams, MapTransform2, PcmParams, PooledParams, Selection, gcm,
+    gcm_group, gcm_pooled, isotropic_covariance, pcm,
 };
 use nalgebra::Isometry2;
 use rand::SeedableRng;
@@ -50,7 +50,7 @@ impl Tally {
                     self.biased_kept += kept;
                     self.biased_open += is_open;
                 }
-                Label::Gross => {
+                Label::Gross | Label::Aliased => {
                     self.gross += 1;
                     self.gross_kept += kept;
                 }
@@ -187,6 +187,10 @@ fn cells() -> Vec<Cell> {
     cells.push(cell("cyc odometry 50 %", Harbor { odometry: 0.5, ..cyc() }));
     cells.push(cell("cyc odometry 100 %", Harbor { odometry: 1.0, ..cyc() }));
     cells.push(cell("cyc understated 1.5x", Harbor { understated: 1.5, ..cyc() }));
+    for factor in [2.0, 4.0] {
+        cells.push(cell(format!("cyc drift {factor}x"), Harbor { drift_understated: factor, ..cyc() }));
+    }
+    cells.push(cell("cyc bent 3 deg", Harbor { bend: 0.05, ..cyc() }));
     cells.push(cell("cyc groups of 3", Harbor { group_size: (3, 3), ..cyc() }));
     cells.push(cell("cyc groups of 12", Harbor { group_size: (12, 12), ..cyc() }));
     let nothing = |name: &str, groups: &[bool]| Cell {
@@ -214,7 +218,48 @@ struct Bin {
 
 const BIN_EDGES: [f64; 6] = [0.0, 0.25, 0.5, 0.7, 0.85, 0.95];
 
-fn run(cell: &Cell, trials: u64) -> Result<(), Error> {
+/// Shifts the parameters from their defaults, by name.
+fn set(params: &mut GcmParams, assignment: &str) -> Option<()> {
+    let (name, value) = assignment.split_once('=')?;
+    let value: f64 = value.parse().ok()?;
+    match name {
+        "sound" => params.sound = value,
+        "sound_strength" => params.sound_strength = value,
+        "least_slip" => params.least_slip = value,
+        "drift_most" => params.drift_most = value,
+        "drift_doubt" => params.drift_doubt = value,
+        "alpha" => params.alpha = value,
+        "elsewhere_share" => params.elsewhere_share = value,
+        "spike" => params.spike.translation = value,
+        "prior_sound" => params.prior_sound = value,
+        "correlation" => params.correlation = value,
+        "gap" => params.gap = value,
+        "extent" => params.extent = value,
+        "beam" => params.beam = value as usize,
+        "depth" => params.depth = value,
+        "joint_limit" => params.joint_limit = value as usize,
+        _ => return None,
+    }
+    Some(())
+}
+
+/// What a preset that accepts from `least` on accepts.
+fn accepted_from(least: f64, found: &Gcm<3>) -> Selection {
+    let believed = found.clusters.iter().filter(|c| c.probability >= least);
+    let mut accepted: Vec<usize> = believed.flat_map(|c| c.members.iter().copied()).collect();
+    accepted.sort_unstable();
+    Selection { accepted, ..Selection::default() }
+}
+
+struct Options {
+    trials: u64,
+    only: String,
+    baselines: bool,
+    params: GcmParams,
+}
+
+fn run(cell: &Cell, options: &Options) -> Result<(), Error> {
+    let trials = options.trials;
     let mut tallies = [Tally::default(); 7];
     let mut bins = [Bin::default(); 6];
     for seed in 0..trials {
@@ -224,27 +269,16 @@ fn run(cell: &Cell, trials: u64) -> Result<(), Error> {
         if cell.ignore_prior {
             team.priors.clear();
         }
-        // the released program's covariance is far wider than its noise: a gate of 1.06 m, rotation never binding
-        let wide = isotropic_covariance::<3, Isometry2<f64>>(0.315, 0.315);
-        let released: Vec<Closure2> =
-            team.closures.iter().map(|c| Closure2 { covariance: wide, ..*c }).collect();
-        let rules: [&dyn Fn() -> Result<Selection, Error>; 7] = [
-            &|| pcm(&team.trajectories, &team.closures, &PcmParams::default()),
-            &|| gcm_pooled(&team.trajectories, &released, &priors, &PooledParams::default()),
-            &|| gcm_group(&team.trajectories, &team.closures, &priors, &GroupParams::default()),
-            &|| draco_consistency::gcm::one_vote(&team.trajectories, &team.closures, &GcmParams::default()),
-            &|| Ok(gcm(&team.trajectories, &team.closures, &team.priors, &GcmParams::default())?.selection),
-            &|| Ok(gcm(&team.trajectories, &team.closures, &team.priors, &GcmParams::leading())?.selection),
-            &|| Ok(gcm(&team.trajectories, &team.closures, &team.priors, &GcmParams::strict())?.selection),
-        ];
-        for (tally, rule) in tallies.iter_mut().zip(rules) {
-            let start = Instant::now();
-            let selection = rule()?;
-            tally.time += start.elapsed();
-            tally.add(&team, &selection);
+        if options.baselines {
+            baselines(&team, &priors, &mut tallies)?;
         }
-        for cluster in &gcm(&team.trajectories, &team.closures, &team.priors, &GcmParams::default())?.clusters
-        {
+        let start = Instant::now();
+        let found = gcm(&team.trajectories, &team.closures, &team.priors, &options.params)?;
+        tallies[4].time += start.elapsed();
+        tallies[4].add(&team, &found.selection);
+        tallies[5].add(&team, &accepted_from(GcmParams::leading().accept, &found));
+        tallies[6].add(&team, &accepted_from(GcmParams::strict().accept, &found));
+        for cluster in &found.clusters {
             let label = team.labels[cluster.members[0]];
             if cluster.members.len() < 2 || label == Label::Slight {
                 continue;
@@ -277,26 +311,52 @@ fn run(cell: &Cell, trials: u64) -> Result<(), Error> {
     Ok(())
 }
 
+/// The rules to compare with, each with its own parameters.
+fn baselines(team: &Team, priors: &[MapTransform2], tallies: &mut [Tally; 7]) -> Result<(), Error> {
+    // the released program's covariance is far wider than its noise: a gate of 1.06 m, rotation never binding
+    let wide = isotropic_covariance::<3, Isometry2<f64>>(0.315, 0.315);
+    let released: Vec<Closure2> = team.closures.iter().map(|c| Closure2 { covariance: wide, ..*c }).collect();
+    let rules: [&dyn Fn() -> Result<Selection, Error>; 4] = [
+        &|| pcm(&team.trajectories, &team.closures, &PcmParams::default()),
+        &|| gcm_pooled(&team.trajectories, &released, priors, &PooledParams::default()),
+        &|| gcm_group(&team.trajectories, &team.closures, priors, &GroupParams::default()),
+        &|| draco_consistency::gcm::one_vote(&team.trajectories, &team.closures, &GcmParams::default()),
+    ];
+    for (tally, rule) in tallies.iter_mut().zip(rules) {
+        tally.add(team, &rule()?);
+    }
+    Ok(())
+}
+
 fn main() -> ExitCode {
-    let mut trials = 10;
-    let mut only = String::new();
+    let mut options =
+        Options { trials: 10, only: String::new(), baselines: true, params: GcmParams::default() };
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
-        match (argument.as_str(), arguments.next()) {
-            ("--trials", Some(value)) => match value.parse() {
-                Ok(n) => trials = n,
-                Err(_) => return usage(),
-            },
-            ("--only", Some(value)) => only = value,
-            _ => return usage(),
+        let value = if argument == "--ours" { Some(String::new()) } else { arguments.next() };
+        let known = match (argument.as_str(), value) {
+            ("--trials", Some(value)) => value.parse().map(|n| options.trials = n).is_ok(),
+            ("--only", Some(value)) => {
+                options.only = value;
+                true
+            }
+            ("--set", Some(value)) => set(&mut options.params, &value).is_some(),
+            ("--ours", _) => {
+                options.baselines = false;
+                true
+            }
+            _ => false,
+        };
+        if !known {
+            return usage();
         }
     }
     println!(
         "{:<30} | biased/good: pcm, pooled, group, one vote | ours biased/good/precision, undecided good/biased | leading | strict | time",
-        format!("{trials} trials")
+        format!("{} trials", options.trials)
     );
-    for cell in cells().iter().filter(|c| c.name.contains(&only)) {
-        if let Err(error) = run(cell, trials) {
+    for cell in cells().iter().filter(|c| c.name.contains(&options.only)) {
+        if let Err(error) = run(cell, &options) {
             eprintln!("{}: {error}", cell.name);
             return ExitCode::FAILURE;
         }
@@ -305,6 +365,6 @@ fn main() -> ExitCode {
 }
 
 fn usage() -> ExitCode {
-    eprintln!("usage: gcm_bars [--trials N] [--only WORD]");
+    eprintln!("usage: gcm_bars [--trials N] [--only WORD] [--set PARAMETER=VALUE] [--ours]");
     ExitCode::from(2)
 }

@@ -2,7 +2,7 @@ use std::fmt;
 
 use nalgebra::SMatrix;
 
-use crate::pose::transported;
+use crate::pose::reversed;
 use crate::{Error, Pose};
 
 /// Names one pose: which robot, and which pose of its trajectory (counted from 0).
@@ -52,12 +52,8 @@ pub type Closure3 = Closure<nalgebra::Isometry3<f64>, 6>;
 impl<G: Pose<N>, const N: usize> Closure<G, N> {
     /// The same measurement told the other way round: `Z⁻¹`, its covariance moved by `Ad(Z)`.
     pub fn reversed(&self) -> Self {
-        Self {
-            source: self.target,
-            target: self.source,
-            target_from_source: self.target_from_source.inverse(),
-            covariance: transported(&self.target_from_source.adjoint(), &self.covariance),
-        }
+        let (target_from_source, covariance) = reversed(&self.target_from_source, &self.covariance);
+        Self { source: self.target, target: self.source, target_from_source, covariance }
     }
 
     /// The closure in the direction in which `first` holds the source, `self` when it does already. Within one

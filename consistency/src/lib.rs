@@ -20,6 +20,7 @@ mod pair_test;
 mod pcm;
 mod pcm_stream;
 mod pose;
+mod scale;
 mod selection;
 pub mod simulate;
 mod trajectory;
@@ -33,6 +34,7 @@ pub use pair_test::PairTest;
 pub use pcm::{PcmParams, pcm};
 pub use pcm_stream::{Change, Pcm};
 pub use pose::{Pose, isotropic_covariance};
+pub use scale::covariance_scale;
 pub use selection::{FailedPair, Reason, Rejection, Selection};
 pub use trajectory::{
     MapTransform, MapTransform2, MapTransform3, Trajectories, Trajectories2, Trajectories3, Trajectory,

@@ -82,6 +82,14 @@ impl<'a, G: Pose<N>, const N: usize> PairTest<'a, G, N> {
         }
     }
 
+    /// The same test with all covariances multiplied by `scale`.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for a `scale` that is not positive and finite.
+    pub fn with_scale(self, scale: f64) -> Result<Self, Error> {
+        Ok(Self { limit: scaled(self.limit, scale)?, ..self })
+    }
+
     /// Gives the prepared closures back.
     pub(crate) fn into_ends(self) -> Vec<End<G, N>> {
         self.ends
@@ -164,6 +172,11 @@ impl<G: Pose<N>, const N: usize> End<G, N> {
 /// The χ² limit with `N` degrees of freedom.
 pub(crate) fn gate<const N: usize>(probability: f64) -> Result<f64, Error> {
     chi2::quantile(probability, N).map_err(|_| Error::Probability { value: probability })
+}
+
+/// The limit of covariances that are `scale` times as large.
+pub(crate) fn scaled(limit: f64, scale: f64) -> Result<f64, Error> {
+    if scale > 0.0 && scale.is_finite() { Ok(limit * scale) } else { Err(Error::Parameter { name: "scale" }) }
 }
 
 /// `eᵀ Σ⁻¹ e` by a Cholesky factor on the stack; infinite when `Σ` is not positive definite.

@@ -10,6 +10,9 @@ pub struct PcmParams {
     /// Share of true pairs that pass the pair test; default 0.99. The χ² limit follows from it and from the
     /// degrees of freedom (11.345 in the plane, 16.812 in space).
     pub probability: f64,
+    /// Factor on all covariances; default 1, they are taken at their word.
+    /// [`covariance_scale`](crate::covariance_scale) measures it.
+    pub scale: f64,
     /// Least size of a set that is believed; default 3, since two closures agree by chance far more often.
     pub minimum: usize,
     /// Limit of the clique search of one robot pair; default none.
@@ -18,7 +21,7 @@ pub struct PcmParams {
 
 impl Default for PcmParams {
     fn default() -> Self {
-        Self { probability: 0.99, minimum: 3, budget: Budget::default() }
+        Self { probability: 0.99, scale: 1.0, minimum: 3, budget: Budget::default() }
     }
 }
 
@@ -45,7 +48,7 @@ pub fn pcm<const N: usize, G: Pose<N>>(
     let mut selection = Selection::default();
     for members in by_robots(trajectories, closures)?.values() {
         let subset: Vec<_> = members.iter().map(|&m| closures[m]).collect();
-        let test = PairTest::new(trajectories, &subset, params.probability)?;
+        let test = PairTest::new(trajectories, &subset, params.probability)?.with_scale(params.scale)?;
         let chosen = largest_consistent(&test, &params.budget)?;
         judge(&test, members, &chosen, params.minimum, &mut selection);
     }

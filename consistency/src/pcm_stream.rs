@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 
 use crate::clique::Incremental;
-use crate::pair_test::{End, gate};
+use crate::pair_test::{End, gate, scaled};
 use crate::pcm::judge;
 use crate::{Closure, Error, PairTest, PcmParams, Pose, Selection, Trajectories, Trajectory};
 
@@ -58,7 +58,7 @@ impl<G: Pose<N>, const N: usize> Pcm<G, N> {
     /// # Errors
     /// A probability outside (0, 1).
     pub fn new(trajectories: Trajectories<G, N>, params: PcmParams) -> Result<Self, Error> {
-        let limit = gate::<N>(params.probability)?;
+        let limit = scaled(gate::<N>(params.probability)?, params.scale)?;
         Ok(Self { trajectories, params, limit, closures: Vec::new(), sets: BTreeMap::new() })
     }
 

@@ -85,3 +85,11 @@ pub(crate) fn transported<const N: usize>(
     let moved = adjoint * covariance * adjoint.transpose();
     (moved + moved.transpose()) * 0.5
 }
+
+/// A measured relative pose `Z · exp(ξ)` told the other way round: `Z⁻¹`, the covariance of ξ moved by `Ad(Z)`.
+pub(crate) fn reversed<const N: usize, G: Pose<N>>(
+    measured: &G,
+    covariance: &SMatrix<f64, N, N>,
+) -> (G, SMatrix<f64, N, N>) {
+    (measured.inverse(), transported(&measured.adjoint(), covariance))
+}

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, SMatrix};
 
-use crate::pose::transported;
+use crate::pose::{reversed, transported};
 use crate::{Error, Pose, PoseKey};
 
 /// One robot's poses in its own map, with the joint uncertainty of their drift.
@@ -25,8 +25,8 @@ pub type Trajectory3 = Trajectory<nalgebra::Isometry3<f64>, 6>;
 enum Drift<const N: usize> {
     /// `V(k)`, one entry a pose.
     Chain(Vec<SMatrix<f64, N, N>>),
-    /// Joint covariance of the listed poses; `slots` maps a pose to its block row.
-    Joint { slots: BTreeMap<usize, usize>, covariance: DMatrix<f64> },
+    /// Joint covariance of some poses; `slots` maps a pose to its block row.
+    Joint { slots: Vec<Option<usize>>, covariance: DMatrix<f64> },
 }
 
 impl<G: Pose<N>, const N: usize> Trajectory<G, N> {
@@ -71,12 +71,12 @@ impl<G: Pose<N>, const N: usize> Trajectory<G, N> {
     ) -> Result<Self, Error> {
         check_poses(&map_from_pose)?;
         let size = N * indices.len();
-        let slots: BTreeMap<usize, usize> = indices.iter().enumerate().map(|(slot, &k)| (k, slot)).collect();
-        let out_of_range = indices.iter().any(|&k| k >= map_from_pose.len());
-        if covariance.shape() != (size, size)
-            || out_of_range
-            || slots.len() != indices.len()
-            || covariance.iter().any(|v| !v.is_finite())
+        let mut slots = vec![None; map_from_pose.len()];
+        let mut names_each_once = true;
+        for (slot, &k) in indices.iter().enumerate() {
+            names_each_once &= slots.get_mut(k).is_some_and(|of_pose| of_pose.replace(slot).is_none());
+        }
+        if covariance.shape() != (size, size) || !names_each_once || covariance.iter().any(|v| !v.is_finite())
         {
             return Err(Error::JointCovariance { poses: indices.len(), size: covariance.nrows() });
         }
@@ -108,8 +108,38 @@ impl<G: Pose<N>, const N: usize> Trajectory<G, N> {
                 accumulated.get(k.min(l)).filter(|_| k.max(l) < self.poses.len()).copied()
             }
             Drift::Joint { slots, covariance } => {
-                Some(covariance.fixed_view::<N, N>(N * slots.get(&k)?, N * slots.get(&l)?).into_owned())
+                let (row, column) = ((*slots.get(k)?)?, (*slots.get(l)?)?);
+                Some(covariance.fixed_view::<N, N>(N * row, N * column).into_owned())
             }
+        }
+    }
+
+    /// `Σ a_k b_l Cov(z_k, z_l)` over weighted poses, ascending; `None` for a pose without covariance.
+    pub(crate) fn drift_mean(&self, a: &[(usize, f64)], b: &[(usize, f64)]) -> Option<SMatrix<f64, N, N>> {
+        let mut sum = SMatrix::zeros();
+        let Drift::Chain(accumulated) = &self.drift else {
+            for &(k, of_a) in a {
+                for &(l, of_b) in b {
+                    sum += self.drift_covariance(k, l)? * (of_a * of_b);
+                }
+            }
+            return Some(sum);
+        };
+        // Cov = V(min): each V(k) counts with what of the other list lies at or after k, ties once
+        let total = |list: &[(usize, f64)]| list.iter().map(|(_, share)| share).sum::<f64>();
+        let (mut left_a, mut left_b) = (total(a), total(b));
+        let (mut a, mut b) = (a.iter().peekable(), b.iter().peekable());
+        loop {
+            let (next_a, next_b) = (a.peek().map(|p| p.0), b.peek().map(|p| p.0));
+            let k = match (next_a, next_b) {
+                (Some(k), Some(l)) => k.min(l),
+                _ => return Some(sum),
+            };
+            let of_a = a.next_if(|p| p.0 == k).map_or(0.0, |p| p.1);
+            let of_b = b.next_if(|p| p.0 == k).map_or(0.0, |p| p.1);
+            sum += accumulated.get(k)? * (of_a * left_b + of_b * (left_a - of_a));
+            left_a -= of_a;
+            left_b -= of_b;
         }
     }
 
@@ -132,7 +162,7 @@ impl<G: Pose<N>, const N: usize> Trajectory<G, N> {
         index < self.poses.len()
             && match &self.drift {
                 Drift::Chain(_) => true,
-                Drift::Joint { slots, .. } => slots.contains_key(&index),
+                Drift::Joint { slots, .. } => slots[index].is_some(),
             }
     }
 }
@@ -216,12 +246,8 @@ pub type MapTransform3 = MapTransform<nalgebra::Isometry3<f64>, 6>;
 impl<G: Pose<N>, const N: usize> MapTransform<G, N> {
     /// The same belief told the other way round.
     pub fn reversed(&self) -> Self {
-        Self {
-            source: self.target,
-            target: self.source,
-            target_from_source: self.target_from_source.inverse(),
-            covariance: transported(&self.target_from_source.adjoint(), &self.covariance),
-        }
+        let (target_from_source, covariance) = reversed(&self.target_from_source, &self.covariance);
+        Self { source: self.target, target: self.source, target_from_source, covariance }
     }
 
     pub(crate) fn check(&self, prior: usize) -> Result<(), Error> {
@@ -246,6 +272,21 @@ mod tests {
         let poses = vec![Isometry2::planar(7.0, 3.0, 0.3), Isometry2::planar(9.0, 4.0, -1.0)];
         let trajectory = Trajectory::from_steps(poses, &[q]).unwrap();
         assert!((trajectory.relative_covariance(0, 1).unwrap() - q).norm() < 1e-12);
+    }
+
+    #[test]
+    fn the_mean_over_a_chain_is_the_sum_over_all_pairs() {
+        let q = isotropic_covariance::<3, Isometry2<f64>>(0.1, 0.02);
+        let poses: Vec<_> =
+            (0..9).map(|k| Isometry2::planar(f64::from(k), 0.1 * f64::from(k * k), 0.2)).collect();
+        let trajectory = Trajectory::from_steps(poses, &[q; 8]).unwrap();
+        let (a, b) = ([(1, 0.5), (4, 0.25), (7, 0.25)], [(0, 0.2), (4, 0.3), (5, 0.5)]);
+        let pairs = a.iter().flat_map(|&(k, x)| b.iter().map(move |&(l, y)| (k, l, x * y)));
+        let sum: nalgebra::Matrix3<f64> =
+            pairs.map(|(k, l, share)| trajectory.drift_covariance(k, l).unwrap() * share).sum();
+        assert!((trajectory.drift_mean(&a, &b).unwrap() - sum).norm() < 1e-12);
+        assert!((trajectory.drift_mean(&b, &a).unwrap() - sum).norm() < 1e-12);
+        assert_eq!(trajectory.drift_mean(&a, &[]), Some(nalgebra::Matrix3::zeros()));
     }
 
     #[test]

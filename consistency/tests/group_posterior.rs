@@ -283,3 +283,152 @@ fn a_closure_told_twice_is_no_second_vote() {
     moves.sort_by(f64::total_cmp);
     assert!(moves[18] < 0.05 && moves[19] < 0.10, "{moves:?}");
 }
+
+/// Robots that stand still, closures `(first, second, error in metres)` in groups of six.
+fn still_team(robots: u32, groups: &[(u32, u32, f64)]) -> (Trajectories2, Vec<Closure2>) {
+    const APART: usize = 30;
+    let mut trajectories = Trajectories2::new();
+    for robot in 0..robots {
+        let poses = vec![Isometry2::identity(); APART * groups.len()];
+        let steps = vec![isotropic_covariance::<3, Isometry2<f64>>(1e-6, 1e-6); poses.len() - 1];
+        trajectories.insert(robot, Trajectory::from_steps(poses, &steps).unwrap());
+    }
+    let closure = |(at, k): (usize, usize)| {
+        let (first, second, shift) = groups[at];
+        Closure2 {
+            source: PoseKey::new(first, APART * at + k),
+            target: PoseKey::new(second, APART * at + k),
+            target_from_source: Isometry2::translation(shift, 0.0),
+            covariance: isotropic_covariance::<3, Isometry2<f64>>(1e-3, 1e-3),
+        }
+    };
+    let closures = (0..groups.len()).flat_map(|at| (0..6).map(move |k| (at, k))).map(closure).collect();
+    (trajectories, closures)
+}
+
+/// The map of `source` in that of robot 0, 0.1 m and 5 mrad sure.
+fn tight_prior(source: u32, x: f64, y: f64) -> MapTransform2 {
+    MapTransform2 {
+        source,
+        target: 0,
+        target_from_source: Isometry2::translation(x, y),
+        covariance: isotropic_covariance::<3, Isometry2<f64>>(0.1, 0.005),
+    }
+}
+
+#[test]
+fn one_vote_against_one_without_prior_is_undecided_and_even() {
+    let (trajectories, closures) = still_team(2, &[(0, 1, 0.0), (0, 1, 2.0)]);
+    let found = gcm(&trajectories, &closures, &[], &GcmParams::default()).unwrap();
+    let [a, b] = &found.clusters[..] else { panic!("two votes") };
+    assert!((a.probability - b.probability).abs() < 0.02, "{} {}", a.probability, b.probability);
+    assert_eq!(found.selection.undecided.len(), 12);
+}
+
+#[test]
+fn a_cycle_rejects_a_slip_against_a_tight_wrong_prior() {
+    let groups = [(0, 1, 2.0), (0, 2, 0.0), (0, 2, 0.0), (1, 2, 0.0), (1, 2, 0.0)];
+    let (trajectories, closures) = still_team(3, &groups);
+    let priors = [tight_prior(1, 0.0, 1.2), tight_prior(2, 0.0, 0.0)];
+    let found = gcm(&trajectories, &closures, &priors, &GcmParams::default()).unwrap();
+    assert!((0..6).all(|m| found.selection.rejected.iter().any(|r| r.closure == m)));
+    assert!((6..18).all(|m| found.selection.accepts(m)), "{:?}", found.clusters);
+    assert!(found.selection.rejected.iter().all(|r| r.closure < 6), "{:?}", found.clusters);
+}
+
+#[test]
+fn two_equal_slips_without_prior_are_no_proof_under_strict() {
+    let (trajectories, closures) = still_team(2, &[(0, 1, 0.0), (0, 1, 2.0), (0, 1, 2.0)]);
+    let found = gcm(&trajectories, &closures, &[], &GcmParams::strict()).unwrap();
+    assert!(found.selection.accepted.is_empty());
+}
+
+#[test]
+fn what_later_groups_contradict_is_retracted() {
+    let groups = [2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0].map(|shift| (0, 1, shift));
+    let (trajectories, closures) = still_team(2, &groups);
+    let mut online = GcmOnline::new(trajectories, Vec::new(), GcmParams::default()).unwrap();
+    let mut events = Vec::new();
+    for group in closures.chunks(6) {
+        events.extend(online.insert(group).unwrap().1);
+    }
+    for m in 0..12 {
+        assert!(events.contains(&Event::Accepted(m)) && events.contains(&Event::Retracted(m)), "{m}");
+    }
+    let last = online.update().unwrap().0.selection;
+    assert_eq!(last.accepted, (12..42).collect::<Vec<_>>());
+}
+
+/// The same team with every robot's own map moved and turned.
+fn with_moved_maps(team: &Team) -> Team {
+    let motion = |robot: u32| {
+        let r = f64::from(robot);
+        Isometry2::new(nalgebra::Vector2::new(40.0 - 25.0 * r, 12.0 * r), 1.0 + 2.0 * r)
+    };
+    let mut moved = team.clone();
+    let step = isotropic_covariance::<3, Isometry2<f64>>(0.3 * 0.12, 0.3 * 0.0136);
+    for robot in 0..3 {
+        let poses = team.trajectories.get(robot).unwrap().poses();
+        let poses: Vec<_> = poses.iter().map(|pose| motion(robot) * pose).collect();
+        let steps = vec![step; poses.len() - 1];
+        moved.trajectories.insert(robot, Trajectory::from_steps(poses, &steps).unwrap());
+    }
+    for prior in &mut moved.priors {
+        let (source, target) = (motion(prior.source), motion(prior.target));
+        let adjoint = draco_lie::LieGroup::adjoint(&source);
+        prior.target_from_source = target * prior.target_from_source * source.inverse();
+        prior.covariance = adjoint * prior.covariance * adjoint.transpose();
+        prior.covariance = (prior.covariance + prior.covariance.transpose()) * 0.5;
+    }
+    moved
+}
+
+#[test]
+fn moving_each_robots_map_changes_nothing() {
+    for seed in 0..8 {
+        let team = team(&Harbor::default(), seed);
+        let (before, after) =
+            (solve(&team, &GcmParams::default()), solve(&with_moved_maps(&team), &GcmParams::default()));
+        for (a, b) in before.clusters.iter().zip(&after.clusters) {
+            assert_eq!(a.members, b.members);
+            let moved = (a.probability - b.probability).abs();
+            // the medoid closure, about which all is linearised, depends on the axes
+            assert!(moved < 0.02, "seed {seed}: {} {}", a.probability, b.probability);
+        }
+    }
+}
+
+#[test]
+fn renaming_robots_changes_nothing() {
+    const NAMES: [u32; 3] = [9, 4, 6];
+    let name = |robot: u32| NAMES[robot as usize];
+    for seed in 0..8 {
+        let team = team(&Harbor::default(), seed);
+        let mut renamed = team.clone();
+        renamed.trajectories = Trajectories2::new();
+        for robot in 0..3 {
+            renamed.trajectories.insert(name(robot), team.trajectories.get(robot).unwrap().clone());
+        }
+        for closure in &mut renamed.closures {
+            closure.source.robot = name(closure.source.robot);
+            closure.target.robot = name(closure.target.robot);
+        }
+        for prior in &mut renamed.priors {
+            (prior.source, prior.target) = (name(prior.source), name(prior.target));
+        }
+        let before = solve(&team, &GcmParams { reference: Some(0), ..GcmParams::default() });
+        let after = solve(&renamed, &GcmParams { reference: Some(name(0)), ..GcmParams::default() });
+        assert_eq!(before.selection.accepted, after.selection.accepted, "seed {seed}");
+    }
+}
+
+#[test]
+fn a_drift_told_too_small_is_measured_and_sound_groups_are_kept() {
+    let params = Harbor { drift_understated: 4.0, biased_share: 0.1, ..Harbor::default() };
+    let told = GcmParams { drift_most: 1.0, ..GcmParams::default() };
+    let fixed = shares(&params, 30, |t| solve(t, &told).selection);
+    let doubtful = GcmParams { drift_doubt: 2.0, ..GcmParams::default() };
+    let measured = shares(&params, 30, |t| solve(t, &doubtful).selection);
+    assert!(measured.1 > fixed.1 + 0.05, "good {} with, {} without", measured.1, fixed.1);
+    assert!(solve(&team(&params, 0), &doubtful).drift_scale > 1.0);
+}

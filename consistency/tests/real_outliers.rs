@@ -6,7 +6,7 @@ use draco_consistency::clique::Budget;
 use draco_consistency::gcm::GapUnit;
 use draco_consistency::{
     Closure2, CycleParams, GcmParams, PcmParams, Pose, PoseKey, Selection, Trajectories2, Trajectory,
-    cycle_consistency, gcm, isotropic_covariance, pcm,
+    covariance_scale, cycle_consistency, gcm, isotropic_covariance, pcm,
 };
 use nalgebra::Isometry2;
 
@@ -80,6 +80,18 @@ fn pcm_and_cycles_sort_out_real_closures() {
         let (precision, recall) = precision_recall(&by_pairs, &truth);
         println!("pcm at {probability}: precision {precision:.3} recall {recall:.3}");
         assert!(precision > 0.97 && recall > 0.75, "pcm {precision} {recall}");
+    }
+    let scale = covariance_scale(&trajectories, &closures, 0.95).unwrap();
+    for scale in [4.0, scale] {
+        let by_pairs = pcm(&trajectories, &closures, &PcmParams { scale, ..PcmParams::default() }).unwrap();
+        let (precision, recall) = precision_recall(&by_pairs, &truth);
+        println!("pcm, covariances times {scale:.2}: precision {precision:.3} recall {recall:.3}");
+        assert!(precision > 0.92 && recall > 0.93, "pcm {precision} {recall}");
+        let params = CycleParams { scale, budget: Budget::nodes(2000), ..CycleParams::default() };
+        let by_cycles = cycle_consistency(&trajectories, &closures, &params).unwrap();
+        let (precision, recall) = precision_recall(&by_cycles.selection, &truth);
+        println!("cycles, covariances times {scale:.2}: precision {precision:.3} recall {recall:.3}");
+        assert!(precision > 0.92 && recall > 0.93, "cycles {precision} {recall}");
     }
     let params = CycleParams { budget: Budget::nodes(2000), ..CycleParams::default() };
     let by_cycles = cycle_consistency(&trajectories, &closures, &params).unwrap();

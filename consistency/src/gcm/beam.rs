@@ -3,8 +3,9 @@ use std::rc::Rc;
 use nalgebra::{SMatrix, SVector};
 
 use super::params::GcmParams;
+use super::slips::share_longer;
 use super::votes::{Kind, Votes};
-use crate::Error;
+use crate::{Error, Pose};
 
 /// State of one vote under a hypothesis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -24,8 +25,11 @@ pub(crate) enum State {
 pub(crate) struct Hypothesis<const N: usize> {
     /// log prior plus log likelihood.
     pub(crate) score: f64,
+    /// The score without slips that are too short to be any: what the posterior is made of.
+    pub(crate) weight: f64,
     pub(crate) states: Vec<State>,
     slip_counts: Vec<u32>,
+    sound_counts: SoundCounts,
     rows: Vec<Rc<Row<N>>>,
     /// `L⁻¹ E_j S_T` of each slip `j`, the blocks from the vote that opened it on.
     slip_columns: Vec<Vec<SMatrix<f64, N, N>>>,
@@ -66,23 +70,49 @@ struct Child<const N: usize> {
 ///
 /// # Errors
 /// [`Error::VoteCovariance`] at a vote whose covariance given the earlier ones is not positive definite in any state.
-pub(crate) fn search<const N: usize>(votes: &Votes<N>, params: &GcmParams) -> Result<Beam<N>, Error> {
+pub(crate) fn search<const N: usize, G: Pose<N>>(
+    votes: &Votes<N>,
+    params: &GcmParams,
+    width: usize,
+) -> Result<Beam<N>, Error> {
     let root = Hypothesis {
         score: 0.0,
+        weight: 0.0,
         states: Vec::new(),
         slip_counts: Vec::new(),
+        sound_counts: SoundCounts::default(),
         rows: Vec::new(),
         slip_columns: Vec::new(),
     };
     let mut beam = Beam { hypotheses: vec![root], dropped: f64::NEG_INFINITY };
     for t in 0..votes.list.len() {
-        beam.extend(votes, params, t)?;
+        beam.extend(votes, params, width, t)?;
     }
+    beam.exclude_short_slips::<G>(&votes.slip, params.least_slip);
     Ok(beam)
 }
 
 impl<const N: usize> Beam<N> {
-    fn extend(&mut self, votes: &Votes<N>, params: &GcmParams, t: usize) -> Result<(), Error> {
+    /// The hypothesis with the highest score; of equals the smallest state vector.
+    pub(crate) fn best(&self) -> Option<&Hypothesis<N>> {
+        self.hypotheses.iter().reduce(|best, h| if h.weight > best.weight { h } else { best })
+    }
+
+    /// Takes back what the scores give to slips shorter than `least` metres: a normal slip is near zero too, a step of a
+    /// structure never is.
+    fn exclude_short_slips<G: Pose<N>>(&mut self, slip: &SMatrix<f64, N, N>, least: f64) {
+        for hypothesis in &mut self.hypotheses {
+            hypothesis.weight = hypothesis.score + hypothesis.log_share_of_long_slips::<G>(slip, least);
+        }
+    }
+
+    /// Log of the sum of all hypotheses' weights: the log evidence, as far as the beam holds it.
+    pub(crate) fn log_evidence(&self) -> f64 {
+        let best = self.best().map_or(f64::NEG_INFINITY, |h| h.weight);
+        best + self.hypotheses.iter().map(|h| (h.weight - best).exp()).sum::<f64>().ln()
+    }
+
+    fn extend(&mut self, votes: &Votes<N>, params: &GcmParams, width: usize, t: usize) -> Result<(), Error> {
         let mut children: Vec<Child<N>> = Vec::new();
         let mut bases: Vec<Rc<Vec<SMatrix<f64, N, N>>>> = Vec::with_capacity(self.hypotheses.len());
         let mut w: Vec<SMatrix<f64, N, N>> = Vec::new();
@@ -96,7 +126,7 @@ impl<const N: usize> Beam<N> {
         if children.is_empty() {
             return Err(votes.list[t].singular());
         }
-        let kept = self.prune(&mut children, params);
+        let kept = self.prune(&mut children, params.depth, width);
         self.hypotheses = children
             .into_iter()
             .zip(kept)
@@ -106,14 +136,14 @@ impl<const N: usize> Beam<N> {
         Ok(())
     }
 
-    /// Which children survive: the best `beam`, none deeper than `depth`; ties to the smaller state vector.
-    fn prune(&mut self, children: &mut [Child<N>], params: &GcmParams) -> Vec<bool> {
+    /// Which children survive: the best `width`, none deeper than `depth`; ties to the smaller state vector.
+    fn prune(&mut self, children: &mut [Child<N>], depth: f64, width: usize) -> Vec<bool> {
         let mut order: Vec<usize> = (0..children.len()).collect();
         order.sort_by(|&a, &b| children[b].score.total_cmp(&children[a].score).then(a.cmp(&b)));
         let best = order.first().map_or(0.0, |&c| children[c].score);
         let mut kept = vec![false; children.len()];
         for (rank, &c) in order.iter().enumerate() {
-            if rank < params.beam && children[c].score >= best - params.depth {
+            if rank < width && children[c].score >= best - depth {
                 kept[c] = true;
             } else {
                 self.dropped = self.dropped.max(children[c].score - best);
@@ -173,6 +203,7 @@ impl<const N: usize> Hypothesis<N> {
                     params,
                     *single,
                     &self.slip_counts,
+                    &self.sound_counts,
                     neighbor.map(|(v, k)| (self.states[v], k)),
                 );
                 push(State::Good, prior.log(State::Good), covariance + spike, &residual);
@@ -212,11 +243,16 @@ impl<const N: usize> Hypothesis<N> {
         }
         let mut next = Self {
             score: child.score,
+            weight: child.score,
             states: self.states.clone(),
             slip_counts: self.slip_counts.clone(),
+            sound_counts: self.sound_counts,
             rows: self.rows.clone(),
             slip_columns: self.slip_columns.clone(),
         };
+        if let Kind::Cluster { single, .. } = votes.list[t].kind {
+            next.sound_counts.add(single, child.state == State::Good);
+        }
         if let Some(j) = joined {
             if j == next.slip_counts.len() {
                 next.slip_counts.push(0);
@@ -235,6 +271,24 @@ impl<const N: usize> Hypothesis<N> {
         next.states.push(child.state);
         next.rows.push(Rc::new(Row { w, diagonal: child.diagonal, y: child.y }));
         next
+    }
+
+    /// Sum over the slips `τ` of `log P(|τ| > least | ρ) - log P(|τ| > least)`: the evidence with the slips' prior cut
+    /// out below `least` over the evidence with the whole normal. Slips are taken one by one.
+    fn log_share_of_long_slips<G: Pose<N>>(&self, slip: &SMatrix<f64, N, N>, least: f64) -> f64 {
+        if least == 0.0 {
+            return 0.0;
+        }
+        let before = share_longer::<N, G>(&SVector::zeros(), slip, least);
+        let of_column = |column: &Vec<SMatrix<f64, N, N>>| {
+            let (mut mean, mut covariance): (SVector<f64, N>, _) = (SVector::zeros(), *slip);
+            for (u, row) in column.iter().zip(&self.rows[self.rows.len() - column.len()..]) {
+                mean.gemv_tr(1.0, u, &row.y, 1.0);
+                covariance.gemm_tr(-1.0, u, u, 1.0);
+            }
+            (share_longer::<N, G>(&mean, &covariance, least) / before).ln()
+        };
+        self.slip_columns.iter().map(of_column).sum()
     }
 
     /// `K_H⁻¹ ρ`, one block a vote.
@@ -264,6 +318,24 @@ fn log_normal<const N: usize>(
     Some((-constant - half_log_determinant - 0.5 * y.norm_squared(), l, y))
 }
 
+/// How many votes so far are sound: `[lone closures, groups]`, each `(sound, all)`.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct SoundCounts([(u32, u32); 2]);
+
+impl SoundCounts {
+    fn add(&mut self, single: bool, sound: bool) {
+        let (good, all) = &mut self.0[usize::from(!single)];
+        *good += u32::from(sound);
+        *all += 1;
+    }
+
+    /// Predictive share of sound votes under `Beta(strength · share, strength · (1 - share))`.
+    fn predicted(&self, single: bool, share: f64, strength: f64) -> f64 {
+        let (good, all) = self.0[usize::from(!single)];
+        share + (f64::from(good) - share * f64::from(all)) / (strength + f64::from(all))
+    }
+}
+
 /// Prior of a cluster's state given the hypothesis so far.
 pub(crate) struct StatePrior<'a> {
     sound: f64,
@@ -278,6 +350,7 @@ impl<'a> StatePrior<'a> {
         params: &'a GcmParams,
         single: bool,
         slip_counts: &'a [u32],
+        sound_counts: &SoundCounts,
         neighbor: Option<(State, f64)>,
     ) -> Self {
         let (sound, gross) = if single {
@@ -285,6 +358,7 @@ impl<'a> StatePrior<'a> {
         } else {
             (params.sound, params.gross_share)
         };
+        let sound = sound_counts.predicted(single, sound, params.sound_strength);
         Self { sound, gross, params, slip_counts, neighbor }
     }
 
@@ -298,10 +372,12 @@ impl<'a> StatePrior<'a> {
             State::YawSlip => local * (1.0 - self.params.slip_share),
             State::BadPrior => 0.0,
             State::Slip(j) => {
+                // Pitman-Yor with discount 1 - α: whatever the order, slips that repeat make repetition likelier
+                let discount = 1.0 - self.params.alpha;
                 let step = match self.slip_counts.get(usize::from(j)) {
-                    Some(&count) => self.params.alpha * f64::from(count) / f64::from(slips),
+                    Some(&count) => (f64::from(count) - discount) / f64::from(slips),
                     None if slips == 0 => 1.0,
-                    None => 1.0 - self.params.alpha,
+                    None => discount * self.slip_counts.len() as f64 / f64::from(slips),
                 };
                 local * self.params.slip_share * step
             }

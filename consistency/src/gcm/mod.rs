@@ -20,13 +20,21 @@
 //!
 //! * **good** (π): `β ~ N(0, S_b)`, a narrow spike;
 //! * **slip** ((1-π)(1-p_O) p_T): a shift `τ ~ N(0, S_T)` in the common frame. Slips are *shared*: a further slipped
-//!   group repeats an earlier slip `t` with probability `α n_t / Σ n`, so equal slips are no proof of truth;
+//!   group repeats an earlier slip `t` with probability `(n_t - 1 + α) / Σ n` (a Pitman-Yor process, so the order does
+//!   not matter and slips that repeat make repetition likelier); equal slips are no proof of truth. A slip is no
+//!   shorter than `least_slip`: what the normal gives to shorter ones is taken back from each hypothesis;
 //! * **yaw slip** ((1-π)(1-p_O)(1-p_T)): `β ~ N(0, S_Y)` about its place;
 //! * **gross** ((1-π) p_O (1-p_E)): `β ~ N(0, S_O)`;
 //! * **elsewhere** ((1-π) p_O p_E): `β ~ N(0, S_E)`, a wrong place, so wide that it does not pull at the map transform.
 //!
 //! Every slip has the bias `N(0, S_b)` on top: harmless bias is common to all groups, and without it precise closures
 //! would fit equal slips better than the truth.
+//!
+//! The share π is learnt from the run: `(w π + sound so far) / (w + votes so far)`, `w = sound_strength`.
+//!
+//! Map covariances are often optimistic. The drift's σ between groups is therefore not taken at its word: scales 1, 2, 4,
+//! 8 are tried, each doubling `drift_doubt` nats less likely, and the posterior is the mean over them by evidence
+//! (`drift_scale` tells the best).
 //!
 //! A prior on a map transform is one more vote, good with `π_P`, else with a wide tail; `δ ~ N(0, base)` without any.
 //! Neighbouring groups cut from one run share their state with `κ = exp(-(D/ℓ)²)`.
@@ -54,7 +62,12 @@
 //! * Slips that follow the prior's error agree with it: register from several starts, or lower `prior_sound`.
 //! * A slip smaller than the drift between groups is invisible: close own loops first.
 mod beam;
+mod block;
 mod clusters;
+mod discount;
+#[cfg(test)]
+mod exact_tests;
+mod findings;
 mod frames;
 mod group_cost;
 mod grouping;
@@ -63,9 +76,12 @@ mod online;
 mod params;
 mod pooled;
 mod posterior;
+mod problem;
+mod slips;
 mod verdict;
 mod votes;
 
+pub use discount::{discounted_clique, group_discount};
 pub(crate) use frames::{Frames, implied};
 pub use group_cost::{Aggregate, GroupParams, Objective, gcm_group};
 pub use one_vote::one_vote;

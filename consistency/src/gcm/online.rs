@@ -1,5 +1,6 @@
 use std::collections::BTreeSet;
 
+use super::block::Blocks;
 use super::params::GcmParams;
 use super::posterior::{Gcm, gcm_with_history};
 use crate::{Closure, Error, MapTransform, Pose, Trajectories, Trajectory};
@@ -7,14 +8,15 @@ use crate::{Closure, Error, MapTransform, Pose, Trajectories, Trajectory};
 /// [`gcm`](crate::gcm()) that keeps what it has seen: nothing is discarded or frozen, an accepted closure is withdrawn
 /// when later groups contradict it, and comes back when they are contradicted in turn.
 ///
-/// An accepted group stays accepted down to `params.withdraw`. Each insert runs the whole posterior again
-/// (milliseconds for hundreds of closures).
+/// An accepted group stays accepted down to `params.withdraw`. An insert solves the blocks it touches (robots that fall
+/// apart without the reference are blocks of their own) and gives what a batch over all closures so far would give.
 #[derive(Debug, Clone)]
 pub struct GcmOnline<G, const N: usize> {
     trajectories: Trajectories<G, N>,
     priors: Vec<MapTransform<G, N>>,
     params: GcmParams,
     closures: Vec<Closure<G, N>>,
+    blocks: Blocks,
     accepted: BTreeSet<usize>,
     ever: BTreeSet<usize>,
 }
@@ -43,7 +45,15 @@ impl<G: Pose<N>, const N: usize> GcmOnline<G, N> {
         params.check()?;
         priors.iter().enumerate().try_for_each(|(index, prior)| prior.check(index))?;
         let (accepted, ever) = (BTreeSet::new(), BTreeSet::new());
-        Ok(Self { trajectories, priors, params, closures: Vec::new(), accepted, ever })
+        Ok(Self {
+            trajectories,
+            priors,
+            params,
+            closures: Vec::new(),
+            blocks: Blocks::default(),
+            accepted,
+            ever,
+        })
     }
 
     /// Adds closures, numbered on, and returns the posterior and what changed.
@@ -63,6 +73,7 @@ impl<G: Pose<N>, const N: usize> GcmOnline<G, N> {
     /// Replaces a robot's trajectory, for example after an optimisation; the next insert or update uses it.
     pub fn set_trajectory(&mut self, robot: u32, trajectory: Trajectory<G, N>) {
         self.trajectories.insert(robot, trajectory);
+        self.blocks = Blocks::default();
     }
 
     /// Runs the posterior over all closures so far.
@@ -70,8 +81,14 @@ impl<G: Pose<N>, const N: usize> GcmOnline<G, N> {
     /// # Errors
     /// A closure names a pose that a replaced trajectory does not have.
     pub fn update(&mut self) -> Result<(Gcm<N>, Vec<Event>), Error> {
-        let result =
-            gcm_with_history(&self.trajectories, &self.closures, &self.priors, &self.params, &self.accepted)?;
+        let result = gcm_with_history(
+            &self.trajectories,
+            &self.closures,
+            &self.priors,
+            &self.params,
+            &self.accepted,
+            &mut self.blocks,
+        )?;
         let now: BTreeSet<usize> = result.selection.accepted.iter().copied().collect();
         let mut events: Vec<Event> = self.accepted.difference(&now).map(|&c| Event::Retracted(c)).collect();
         events.extend(

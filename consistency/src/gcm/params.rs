@@ -43,19 +43,31 @@ pub struct GcmParams {
     pub sound: f64,
     /// The same of lone closures; default 0.60.
     pub sound_single: f64,
+    /// Weight of `sound` and `sound_single` against what the run itself shows, as a number of votes: the share is
+    /// estimated under `Beta(strength · π, strength · (1 - π))`; default 40, infinity fixes the share.
+    pub sound_strength: f64,
+    /// Largest factor by which the drift's σ between groups may exceed what the trajectories tell; 1 takes them at their
+    /// word. Default 8.
+    pub drift_most: f64,
+    /// What each doubling of that σ costs, nats; default 6, so that covariances are believed until much speaks against
+    /// them: a drift taken too wide lets slips pass.
+    pub drift_doubt: f64,
     /// pT, share of translation slips among the biased groups that are not gross; default 0.90.
     pub slip_share: f64,
     /// pO, share of gross errors among biased groups; default 0.03.
     pub gross_share: f64,
     /// The same of lone closures; default 0.50.
     pub gross_share_single: f64,
-    /// α, probability that a further slip repeats an earlier one; default 0.25. Raise it (0.6) in lattices known to
+    /// α, probability that a second slip repeats the first; default 0.25. Slips that do repeat raise it for the next. Raise it (0.6) in lattices known to
     /// alias.
     pub alpha: f64,
     /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
     pub spike: Sigma,
     /// `S_T`: translation slip, in the common map frame; default 3 m, 0.02 rad.
     pub slip: Sigma,
+    /// Slips shorter than this do not exist: what is off by less is harmless, metres; default 0.75, half the finest
+    /// spacing of the structures thought of. 0 allows all.
+    pub least_slip: f64,
     /// `S_Y`: yaw slip about the group's place; default 0.3 m, 0.07 rad.
     pub yaw: Sigma,
     /// `S_O`: gross error; default 6 m, 0.5 rad.
@@ -98,12 +110,16 @@ impl Default for GcmParams {
             withdraw: 0.60,
             sound: 0.70,
             sound_single: 0.60,
+            sound_strength: 40.0,
+            drift_most: 8.0,
+            drift_doubt: 6.0,
             slip_share: 0.90,
             gross_share: 0.03,
             gross_share_single: 0.50,
             alpha: 0.25,
             spike: Sigma::new(0.1, 0.005),
             slip: Sigma::new(3.0, 0.02),
+            least_slip: 0.75,
             yaw: Sigma::new(0.3, 0.07),
             gross: Sigma::new(6.0, 0.5),
             elsewhere_share: 0.50,
@@ -143,6 +159,9 @@ impl GcmParams {
             ("withdraw", self.withdraw > 0.0 && self.withdraw <= self.accept),
             ("sound", open(self.sound)),
             ("sound_single", open(self.sound_single)),
+            ("sound_strength", self.sound_strength > 0.0),
+            ("drift_most", self.drift_most >= 1.0),
+            ("drift_doubt", self.drift_doubt >= 0.0),
             ("slip_share", open(self.slip_share)),
             ("gross_share", open(self.gross_share)),
             ("gross_share_single", open(self.gross_share_single)),
@@ -152,6 +171,7 @@ impl GcmParams {
             ("probability", open(self.probability)),
             ("spike", self.spike.is_positive()),
             ("slip", self.slip.is_positive()),
+            ("least_slip", self.least_slip >= 0.0 && self.least_slip.is_finite()),
             ("yaw", self.yaw.is_positive()),
             ("gross", self.gross.is_positive()),
             ("elsewhere", self.elsewhere.is_positive()),

@@ -1,8 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::clusters::Cluster;
+use super::findings::Findings;
 use super::params::GcmParams;
-use super::posterior::Findings;
 use crate::{Reason, Rejection, Selection};
 
 /// What follows from a posterior probability.

@@ -46,7 +46,9 @@ pub(crate) enum Kind<const N: usize> {
 /// The votes in beam order with the covariance of `rho` but for the states' own parts.
 pub(crate) struct Votes<const N: usize> {
     pub(crate) list: Vec<Vote<N>>,
-    /// Lower triangle of blocks, row by row.
+    /// Lower triangle of blocks, row by row: everything but the drift, the drift as told, and both together.
+    fixed: Vec<SMatrix<f64, N, N>>,
+    drift: Vec<SMatrix<f64, N, N>>,
     blocks: Vec<SMatrix<f64, N, N>>,
     pub(crate) slip: SMatrix<f64, N, N>,
     pub(crate) base: SMatrix<f64, N, N>,
@@ -79,7 +81,8 @@ impl<const N: usize> Vote<N> {
 }
 
 impl<const N: usize> Votes<N> {
-    /// The votes of the clusters `chosen` and of the priors between robots that `is_member` knows.
+    /// The votes of the clusters `chosen` and of the priors between robots that `is_member` knows, with the drift as
+    /// told.
     pub(crate) fn new<G: Pose<N>>(
         evidence: &Evidence<'_, G, N>,
         frames: &Frames<G, N>,
@@ -95,26 +98,56 @@ impl<const N: usize> Votes<N> {
             .collect();
         list.extend(ordered(evidence, chosen).into_iter().map(|c| cluster_vote(evidence, frames, c)));
         link_neighbors(evidence, &mut list);
+        let size = list.len() * (list.len() + 1) / 2;
         let mut votes = Self {
-            blocks: Vec::with_capacity(list.len() * (list.len() + 1) / 2),
+            fixed: Vec::with_capacity(size),
+            drift: Vec::with_capacity(size),
+            blocks: Vec::new(),
             list,
             slip: isotropic_covariance::<N, G>(params.slip.translation, params.slip.rotation),
             base: isotropic_covariance::<N, G>(params.base.translation, params.base.rotation),
             reference: frames.reference,
         };
-        let mut drift = DriftTable { evidence, adjoints: BTreeMap::new(), frames };
+        let mut table = DriftTable { evidence, adjoints: BTreeMap::new(), frames };
         for g in 0..votes.list.len() {
             for h in 0..=g {
-                let block = votes.shared(&votes.list[g], &votes.list[h], &mut drift);
-                votes.blocks.push(if g == h { block + votes.list[g].noise } else { block });
+                let (drift, base) = votes.shared(&votes.list[g], &votes.list[h], &mut table);
+                votes.fixed.push(if g == h { base + votes.list[g].noise } else { base });
+                votes.drift.push(drift);
             }
         }
+        votes.set_drift_scale(1.0);
         votes
+    }
+
+    /// Multiplies the drift's covariance as told by `scale`.
+    pub(crate) fn set_drift_scale(&mut self, scale: f64) {
+        self.blocks.clear();
+        self.blocks.extend(self.fixed.iter().zip(&self.drift).map(|(fixed, drift)| fixed + drift * scale));
     }
 
     /// Block (g, h) of K with `h <= g`.
     pub(crate) fn block(&self, g: usize, h: usize) -> &SMatrix<f64, N, N> {
         &self.blocks[g * (g + 1) / 2 + h]
+    }
+
+    /// The same votes in another order, ties between neighbours left out.
+    #[cfg(test)]
+    pub(crate) fn reordered(&self, order: &[usize]) -> Self {
+        let pick = |blocks: &[SMatrix<f64, N, N>]| {
+            let at = |g: usize, h: usize| {
+                if h <= g { blocks[g * (g + 1) / 2 + h] } else { blocks[h * (h + 1) / 2 + g].transpose() }
+            };
+            let rows = order.iter().enumerate();
+            rows.flat_map(|(t, &g)| order[..=t].iter().map(move |&h| (g, h))).map(|(g, h)| at(g, h)).collect()
+        };
+        Self {
+            list: order.iter().map(|&t| self.list[t].clone()).collect(),
+            fixed: pick(&self.fixed),
+            drift: pick(&self.drift),
+            blocks: pick(&self.blocks),
+            ..*self
+        }
     }
 
     /// +1, -1 or 0: how the transform of `robot` enters the vote.
@@ -131,8 +164,8 @@ impl<const N: usize> Votes<N> {
         g: &Vote<N>,
         h: &Vote<N>,
         drift: &mut DriftTable<'_, '_, G, N>,
-    ) -> SMatrix<f64, N, N> {
-        let mut sum = SMatrix::zeros();
+    ) -> (SMatrix<f64, N, N>, SMatrix<f64, N, N>) {
+        let (mut sum, mut base) = (SMatrix::zeros(), SMatrix::zeros());
         for (side_g, robot_g, sign_g) in [(0, g.robots.0, -1.0), (1, g.robots.1, 1.0)] {
             for (side_h, robot_h, sign_h) in [(0, h.robots.0, -1.0), (1, h.robots.1, 1.0)] {
                 if robot_g != robot_h {
@@ -140,11 +173,11 @@ impl<const N: usize> Votes<N> {
                 }
                 sum += drift.mean(robot_g, &g.ends[side_g], &h.ends[side_h]) * (sign_g * sign_h);
                 if robot_g != self.reference {
-                    sum += self.base * (sign_g * sign_h);
+                    base += self.base * (sign_g * sign_h);
                 }
             }
         }
-        sum
+        (sum, base)
     }
 }
 
@@ -160,14 +193,7 @@ impl<G: Pose<N>, const N: usize> DriftTable<'_, '_, G, N> {
         let Some(trajectory) = self.evidence.trajectories.get(robot) else {
             return SMatrix::zeros();
         };
-        let mut sum = SMatrix::zeros();
-        for &(k, share_k) in a {
-            for &(l, share_l) in b {
-                if let Some(c) = trajectory.drift_covariance(k, l) {
-                    sum += c * (share_k * share_l);
-                }
-            }
-        }
+        let sum = trajectory.drift_mean(a, b).unwrap_or_else(SMatrix::zeros);
         if a.is_empty() || b.is_empty() {
             return sum;
         }

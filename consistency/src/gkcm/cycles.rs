@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, SVector};
 use super::{KConsistency, select};
 use crate::clique::Budget;
 use crate::gcm::{Frames, implied};
-use crate::pair_test::{gate, mahalanobis_sq};
+use crate::pair_test::{gate, mahalanobis_sq, scaled};
 use crate::pose::transported;
 use crate::{Closure, Error, PairTest, Pose, Reason, Rejection, Trajectories, hyperclique};
 
@@ -14,6 +14,9 @@ use crate::{Closure, Error, PairTest, Pose, Reason, Rejection, Trajectories, hyp
 pub struct CycleParams {
     /// Share of true pairs and of true cycles that shall pass; default 0.99.
     pub probability: f64,
+    /// Factor on all covariances; default 1, they are taken at their word.
+    /// [`covariance_scale`](crate::covariance_scale) measures it.
+    pub scale: f64,
     /// Least size of a set that is believed; default 3.
     pub minimum: usize,
     /// Limit of the hyperclique search; default none.
@@ -22,7 +25,7 @@ pub struct CycleParams {
 
 impl Default for CycleParams {
     fn default() -> Self {
-        Self { probability: 0.99, minimum: 3, budget: Budget::default() }
+        Self { probability: 0.99, scale: 1.0, minimum: 3, budget: Budget::default() }
     }
 }
 
@@ -46,13 +49,13 @@ pub fn cycle_consistency<const N: usize, G: Pose<N>>(
     let (inter, within): (Vec<usize>, Vec<usize>) =
         (0..closures.len()).partition(|&m| closures[m].is_inter_robot());
     let own: Vec<_> = inter.iter().map(|&m| closures[m].with_source_robot(closures[m].robots().0)).collect();
-    let cycles = Cycles::new(trajectories, &own, gate::<N>(params.probability)?);
+    let cycles = Cycles::new(trajectories, &own, scaled(gate::<N>(params.probability)?, params.scale)?);
 
     let n = own.len();
     let mut agree = vec![true; n * n];
     for members in pairs.values().filter(|members| closures[members[0]].is_inter_robot()) {
         let subset: Vec<_> = members.iter().map(|&m| closures[m]).collect();
-        let test = PairTest::new(trajectories, &subset, params.probability)?;
+        let test = PairTest::new(trajectories, &subset, params.probability)?.with_scale(params.scale)?;
         let vertices: Vec<usize> = members.iter().map(|m| inter.partition_point(|i| i < m)).collect();
         for a in 0..vertices.len() {
             for b in a + 1..vertices.len() {

@@ -1,28 +1,3 @@
-//! Seeded teams with labelled closures: correlated groups, shared slips, gross outliers, wrong priors.
-//!
-//! No public data set tells which closure is an outlier, and none has outliers that agree with each other. These
-//! generators do both; every closure has its [`Label`].
-//!
-//! ```
-//! use draco_consistency::simulate::{Harbor, harbor};
-//! use nalgebra::Isometry2;
-//! use rand::SeedableRng;
-//!
-//! let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
-//! let team = harbor::<3, Isometry2<f64>>(&Harbor::default(), &mut rng)?;
-//! assert_eq!(team.closures.len(), team.labels.len());
-//! # Ok::<(), draco_consistency::Error>(())
-//! ```
-//!
-//! The world: every robot drives one closed loop of 180 m (a circle) with its own start, direction and lateral
-//! offset, a keyframe each 3 m. Closures come in *groups*: a window of six keyframes of one robot and the window of
-//! the other nearest to it. A closure is `Z = Z_true` moved by the bias of its group, then by its own noise in the
-//! frame of the observed pose. A biased group is one of
-//!
-//! * half: a slip by one spacing (1.6 or 6 m) along one axis of the world,
-//! * 3 in 10: a translation of 1 to 4 m in any direction,
-//! * 2 in 10: a turn, σ 4°, about the scene's centre.
-
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::SVector;
@@ -43,6 +18,8 @@ pub enum Label {
     Slight,
     /// A lone gross outlier.
     Gross,
+    /// Of a place that looks like the true one, see [`planted`](crate::simulate::planted()).
+    Aliased,
 }
 
 /// A generated team.
@@ -67,7 +44,7 @@ pub struct SimulatedTeam<G, const N: usize> {
 /// How a biased group is biased.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bias {
-    /// The mixture told in the [module](self) docs.
+    /// The mixture told in the [module](crate::simulate) docs.
     Mixed,
     /// Always a translation of this length, metres, in a direction drawn for each group.
     Translation(f64),
@@ -99,6 +76,10 @@ pub struct Harbor {
     pub odometry: f64,
     /// Constant yaw-rate bias of each robot, σ in rad a keyframe before the share `odometry`; not in the covariance.
     pub yaw_rate_bias: f64,
+    /// True odometry noise over what the trajectories tell, on top of `understated`; 1 is honest.
+    pub drift_understated: f64,
+    /// σ of one turn at one random step of each robot, rad; not in the covariance: a bent map.
+    pub bend: f64,
     /// σ of the priors' translation error, metres; rotation has σ/20 rad about the loop's centre.
     pub prior_sigma: f64,
     /// Share of groups that are biased.
@@ -127,6 +108,8 @@ impl Default for Harbor {
             ],
             odometry: 0.3,
             yaw_rate_bias: 0.0,
+            drift_understated: 1.0,
+            bend: 0.0,
             prior_sigma: 0.3,
             biased_share: 0.3,
             bias: Bias::Mixed,
@@ -159,13 +142,13 @@ impl Harbor {
     }
 }
 
-const KEYFRAMES: usize = 60;
+pub(super) const KEYFRAMES: usize = 60;
 const LOOP_LENGTH: f64 = 180.0;
 const WINDOW: usize = 6;
 const LATERAL_OFFSET: f64 = 2.0;
 const STEP_SIGMA: (f64, f64) = (0.12, 0.0136);
 
-/// A team on a closed loop with groups of correlated closures, see the [module](self) docs.
+/// A team on a closed loop with groups of correlated closures, see the [module](crate::simulate) docs.
 ///
 /// # Errors
 /// [`Error::Generator`] for a meeting of unknown robots or of more groups than there are windows.
@@ -213,7 +196,7 @@ pub fn harbor<const N: usize, G: Pose<N>>(
 }
 
 /// `n` standard normals scaled by the two sigmas.
-fn noise<const N: usize, G: Pose<N>>(
+pub(super) fn noise<const N: usize, G: Pose<N>>(
     (translation, rotation): (f64, f64),
     rng: &mut impl Rng,
 ) -> SVector<f64, N> {
@@ -239,14 +222,14 @@ fn distinct(n: usize, count: usize, rng: &mut impl Rng) -> Vec<usize> {
 }
 
 /// One robot's true and believed path.
-struct Path<G, const N: usize> {
-    world: Vec<G>,
+pub(super) struct Path<G, const N: usize> {
+    pub(super) world: Vec<G>,
     believed: Vec<G>,
     step_sigma: (f64, f64),
 }
 
 impl<G: Pose<N>, const N: usize> Path<G, N> {
-    fn draw(params: &Harbor, rng: &mut impl Rng) -> Self {
+    pub(super) fn draw(params: &Harbor, rng: &mut impl Rng) -> Self {
         let start = rng.random_range(0.0..TAU);
         let direction = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
         let radius = LOOP_LENGTH / TAU + rng.random_range(-LATERAL_OFFSET..LATERAL_OFFSET);
@@ -257,18 +240,26 @@ impl<G: Pose<N>, const N: usize> Path<G, N> {
             })
             .collect();
         let step_sigma = (STEP_SIGMA.0 * params.odometry, STEP_SIGMA.1 * params.odometry);
-        let honest = (step_sigma.0 * params.understated, step_sigma.1 * params.understated);
+        let factor = params.understated * params.drift_understated;
+        let honest = (step_sigma.0 * factor, step_sigma.1 * factor);
         let z: f64 = StandardNormal.sample(rng);
         let turn = G::planar(0.0, 0.0, z * params.yaw_rate_bias * params.odometry);
+        let bent = (params.bend > 0.0).then(|| {
+            let z: f64 = StandardNormal.sample(rng);
+            (rng.random_range(0..KEYFRAMES - 1), G::planar(0.0, 0.0, z * params.bend))
+        });
         let mut believed = vec![G::identity()];
-        for pair in world.windows(2) {
-            let step = pair[0].between(&pair[1]).compose(&turn).plus(&noise::<N, G>(honest, rng));
+        for (k, pair) in world.windows(2).enumerate() {
+            let mut step = pair[0].between(&pair[1]).compose(&turn).plus(&noise::<N, G>(honest, rng));
+            if let Some((_, bend)) = bent.filter(|(at, _)| *at == k) {
+                step = step.compose(&bend);
+            }
             believed.push(believed[believed.len() - 1].compose(&step).renormalize());
         }
         Self { world, believed, step_sigma }
     }
 
-    fn trajectory(&self) -> Result<Trajectory<G, N>, Error> {
+    pub(super) fn trajectory(&self) -> Result<Trajectory<G, N>, Error> {
         // a noise-free path still needs a covariance that can be factored
         let sigma = (self.step_sigma.0.max(1e-6), self.step_sigma.1.max(1e-7));
         let q = isotropic_covariance::<N, G>(sigma.0, sigma.1);
@@ -402,7 +393,7 @@ fn lattice_step(rng: &mut impl Rng) -> (f64, f64) {
 }
 
 /// A gross error: up to 10 m on each horizontal axis and up to 0.8 rad, uniform.
-fn far_away<const N: usize>(rng: &mut impl Rng) -> SVector<f64, N> {
+pub(super) fn far_away<const N: usize>(rng: &mut impl Rng) -> SVector<f64, N> {
     let mut xi = SVector::zeros();
     xi[0] = rng.random_range(-10.0..10.0);
     xi[1] = rng.random_range(-10.0..10.0);

@@ -1,0 +1,279 @@
+//! The beam against enumeration of all states with dense matrices: no code in common but the list of votes.
+
+use nalgebra::{DMatrix, DVector, Isometry2, Matrix3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::beam::{Hypothesis, State, search};
+use super::frames::Frames;
+use super::params::GcmParams;
+use super::problem::Problem;
+use super::votes::{Kind, Votes};
+use crate::simulate::{Harbor, Meetings, SimulatedTeam, harbor};
+
+type Team = SimulatedTeam<Isometry2<f64>, 3>;
+
+/// Three robots with six groups and two priors.
+fn six_groups(seed: u64) -> Team {
+    let meetings = [(0, 1, 2), (0, 2, 2), (1, 2, 2)];
+    let meetings =
+        meetings.map(|(first, second, n)| Meetings { first, second, groups: vec![None; n] }).to_vec();
+    let params =
+        Harbor { meetings, gross_share: 0.0, biased_share: 0.5, group_size: (2, 6), ..Harbor::default() };
+    harbor(&params, &mut ChaCha8Rng::seed_from_u64(seed)).unwrap()
+}
+
+/// The votes of the whole team, each of `order` once, else in the usual order; `kappa` false cuts the ties between
+/// neighbouring groups.
+fn votes(team: &Team, params: &GcmParams, kappa: bool) -> Votes<3> {
+    let problem = Problem::new(&team.trajectories, &team.closures, &team.priors, params).unwrap();
+    let evidence = problem.evidence(&team.trajectories, params);
+    let frames = Frames::new(0, &team.trajectories, evidence.closures, evidence.transforms, evidence.priors);
+    let chosen: Vec<usize> = (0..evidence.clusters.len()).collect();
+    let mut votes = Votes::new(&evidence, &frames, &chosen, |_| true);
+    if !kappa {
+        votes.list.iter_mut().for_each(|vote| {
+            if let Kind::Cluster { neighbor, .. } = &mut vote.kind {
+                *neighbor = None;
+            }
+        });
+    }
+    votes
+}
+
+fn unlimited() -> GcmParams {
+    GcmParams { beam: usize::MAX, depth: f64::INFINITY, ..GcmParams::default() }
+}
+
+/// Every state vector, slips numbered as they first occur.
+fn all_states(votes: &Votes<3>) -> Vec<Vec<State>> {
+    let mut all: Vec<Vec<State>> = vec![Vec::new()];
+    for vote in &votes.list {
+        let mut next = Vec::new();
+        for states in all {
+            let open =
+                states.iter().filter_map(|s| if let State::Slip(j) = s { Some(j + 1) } else { None }).max();
+            let mut choices = match vote.kind {
+                Kind::Prior { .. } => vec![State::Good, State::BadPrior],
+                Kind::Cluster { .. } => vec![State::Good, State::YawSlip, State::Gross, State::Elsewhere],
+            };
+            if matches!(vote.kind, Kind::Cluster { .. }) {
+                choices.extend((0..=open.unwrap_or(0)).map(State::Slip));
+            }
+            next.extend(choices.into_iter().map(|state| [&states[..], &[state]].concat()));
+        }
+        all = next;
+    }
+    all
+}
+
+/// Log prior of a state vector by the formulas of the module docs.
+fn log_prior(votes: &Votes<3>, params: &GcmParams, states: &[State]) -> f64 {
+    let mut sum = 0.0;
+    for (t, vote) in votes.list.iter().enumerate() {
+        let Kind::Cluster { single, neighbor, .. } = &vote.kind else {
+            sum += if states[t] == State::Good { params.prior_sound } else { 1.0 - params.prior_sound }.ln();
+            continue;
+        };
+        let earlier = |wanted: &dyn Fn(State) -> bool| {
+            let alike = (0..t).filter(
+                |&s| matches!(votes.list[s].kind, Kind::Cluster { single: other, .. } if other == *single),
+            );
+            alike.filter(|&s| wanted(states[s])).count() as f64
+        };
+        let (share, gross) = if *single {
+            (params.sound_single, params.gross_share_single)
+        } else {
+            (params.sound, params.gross_share)
+        };
+        let weight = params.sound_strength;
+        let sound = (weight * share + earlier(&|s| s == State::Good)) / (weight + earlier(&|_| true));
+        let slips = states[..t].iter().filter(|s| matches!(s, State::Slip(_))).count() as f64;
+        let same = states[..t].iter().filter(|s| **s == states[t]).count() as f64;
+        let slipped = (1.0 - sound) * (1.0 - gross);
+        let own = match states[t] {
+            State::Good => sound,
+            State::Gross => (1.0 - sound) * gross * (1.0 - params.elsewhere_share),
+            State::Elsewhere => (1.0 - sound) * gross * params.elsewhere_share,
+            State::YawSlip => slipped * (1.0 - params.slip_share),
+            State::Slip(_) if slips == 0.0 => slipped * params.slip_share,
+            State::Slip(j) if same == 0.0 => {
+                slipped * params.slip_share * (1.0 - params.alpha) * f64::from(j) / slips
+            }
+            State::Slip(_) => slipped * params.slip_share * (same - 1.0 + params.alpha) / slips,
+            State::BadPrior => 0.0,
+        };
+        let (tied, kappa) =
+            neighbor.map_or((0.0, 0.0), |(v, k)| (f64::from(u8::from(states[v] == states[t])), k));
+        sum += (kappa * tied + (1.0 - kappa) * own).ln();
+    }
+    sum
+}
+
+/// `K_H` as one dense matrix.
+fn covariance(votes: &Votes<3>, states: &[State]) -> DMatrix<f64> {
+    let n = votes.list.len();
+    let mut k = DMatrix::zeros(3 * n, 3 * n);
+    for g in 0..n {
+        for h in 0..=g {
+            let mut block: Matrix3<f64> = *votes.block(g, h);
+            if g != h && states[g] == states[h] && matches!(states[g], State::Slip(_)) {
+                block += votes.slip;
+            }
+            if g == h {
+                block += match (&votes.list[g].kind, states[g]) {
+                    (Kind::Prior { bad }, State::BadPrior) => *bad,
+                    (Kind::Cluster { spike, .. }, State::Good) => *spike,
+                    (Kind::Cluster { spike, .. }, State::Slip(_)) => spike + votes.slip,
+                    (Kind::Cluster { yaw, .. }, State::YawSlip) => *yaw,
+                    (Kind::Cluster { gross, .. }, State::Gross) => *gross,
+                    (Kind::Cluster { elsewhere, .. }, State::Elsewhere) => *elsewhere,
+                    _ => Matrix3::zeros(),
+                };
+            }
+            k.fixed_view_mut::<3, 3>(3 * g, 3 * h).copy_from(&block);
+            k.fixed_view_mut::<3, 3>(3 * h, 3 * g).copy_from(&block.transpose());
+        }
+    }
+    k
+}
+
+fn log_normal(votes: &Votes<3>, states: &[State]) -> f64 {
+    let rho: Vec<f64> = votes.list.iter().flat_map(|v| v.rho.iter().copied()).collect();
+    let rho = DVector::from_vec(rho);
+    let factor = covariance(votes, states).cholesky().unwrap();
+    let log_determinant = 2.0 * factor.l().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+    -0.5 * (rho.dot(&factor.solve(&rho)) + log_determinant + rho.len() as f64 * std::f64::consts::TAU.ln())
+}
+
+fn score(votes: &Votes<3>, params: &GcmParams, states: &[State]) -> f64 {
+    log_prior(votes, params, states) + log_normal(votes, states)
+}
+
+/// Posterior that each vote is good.
+fn posterior(scored: &[(Vec<State>, f64)]) -> Vec<f64> {
+    let best = scored.iter().map(|(_, s)| *s).fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = scored.iter().map(|(_, s)| (s - best).exp()).sum();
+    let good = |t: usize| {
+        let of_good = scored.iter().filter(|(states, _)| states[t] == State::Good);
+        of_good.map(|(_, s)| (s - best).exp()).sum::<f64>() / total
+    };
+    (0..scored[0].0.len()).map(good).collect()
+}
+
+fn of_beam(hypotheses: &[Hypothesis<3>]) -> Vec<(Vec<State>, f64)> {
+    hypotheses.iter().map(|h| (h.states.clone(), h.score)).collect()
+}
+
+#[test]
+fn a_beam_of_unlimited_width_is_enumeration_of_all_states() {
+    let params = unlimited();
+    let mut most = 0;
+    for seed in 0..4 {
+        let team = six_groups(seed);
+        let votes = votes(&team, &params, true);
+        let clusters = votes.list.iter().filter(|v| matches!(v.kind, Kind::Cluster { .. })).count();
+        if clusters > 6 {
+            continue;
+        }
+        let scored: Vec<(Vec<State>, f64)> = all_states(&votes)
+            .into_iter()
+            .map(|states| {
+                let score = score(&votes, &params, &states);
+                (states, score)
+            })
+            .collect();
+        let beam = search::<3, Isometry2<f64>>(&votes, &params, params.beam).unwrap();
+        assert_eq!(beam.dropped, f64::NEG_INFINITY);
+        assert_eq!(beam.hypotheses.len(), scored.len());
+        for (p, q) in posterior(&scored).iter().zip(posterior(&of_beam(&beam.hypotheses))) {
+            assert!((p - q).abs() < 1e-9, "seed {seed}: {p} by enumeration, {q} by the beam");
+        }
+        most = most.max(scored.len());
+    }
+    assert!(most > 10_000, "{most} states at most");
+}
+
+#[test]
+fn every_kept_hypothesis_has_the_score_of_the_dense_normal() {
+    for seed in 0..10 {
+        let params = GcmParams::default();
+        let team: Team = harbor(&Harbor::default(), &mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
+        let votes = votes(&team, &params, true);
+        for hypothesis in &search::<3, Isometry2<f64>>(&votes, &params, params.beam).unwrap().hypotheses {
+            let dense = score(&votes, &params, &hypothesis.states);
+            assert!(
+                (dense - hypothesis.score).abs() < 1e-8 * (1.0 + dense.abs()),
+                "{dense} {}",
+                hypothesis.score
+            );
+        }
+    }
+}
+
+#[test]
+fn without_ties_between_neighbours_the_order_of_the_votes_does_not_matter() {
+    let params = GcmParams::default();
+    for seed in 0..10 {
+        let team: Team = harbor(&Harbor::default(), &mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
+        let votes = votes(&team, &params, false);
+        let backwards = votes.reordered(&(0..votes.list.len()).rev().collect::<Vec<_>>());
+        let best = search::<3, Isometry2<f64>>(&votes, &params, params.beam).unwrap();
+        for hypothesis in best.hypotheses.iter().take(8) {
+            let turned: Vec<State> = renumbered(hypothesis.states.iter().rev().copied());
+            let score = score(&backwards, &params, &turned);
+            assert!(
+                (score - hypothesis.score).abs() < 1e-8 * (1.0 + score.abs()),
+                "{score} {}",
+                hypothesis.score
+            );
+        }
+    }
+}
+
+/// Slips numbered as they occur.
+fn renumbered(states: impl Iterator<Item = State>) -> Vec<State> {
+    let mut seen: Vec<u16> = Vec::new();
+    states
+        .map(|state| match state {
+            State::Slip(j) => {
+                let at = seen.iter().position(|s| *s == j).unwrap_or_else(|| {
+                    seen.push(j);
+                    seen.len() - 1
+                });
+                State::Slip(at as u16)
+            }
+            other => other,
+        })
+        .collect()
+}
+
+/// χ² of all residuals of teams without outliers over its degrees of freedom.
+fn normalized_chi2(params: &Harbor, trials: u64) -> f64 {
+    let settings = GcmParams::default();
+    let (mut sum, mut freedom) = (0.0, 0.0);
+    for seed in 0..trials {
+        let team: Team = harbor(params, &mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
+        let votes = votes(&team, &settings, false);
+        let states = vec![State::Good; votes.list.len()];
+        let rho: Vec<f64> = votes.list.iter().flat_map(|v| v.rho.iter().copied()).collect();
+        let rho = DVector::from_vec(rho);
+        let factor = covariance(&votes, &states).cholesky().unwrap();
+        sum += rho.dot(&factor.solve(&rho));
+        // each map transform is fitted: its base is so wide that it takes its three degrees of freedom
+        freedom += rho.len() as f64 - 3.0 * f64::from(params.robots - 1);
+    }
+    sum / freedom
+}
+
+#[test]
+fn residuals_of_sound_groups_have_the_covariance_told() {
+    for (name, sigma, odometry) in
+        [("tight", 0.05, 0.3), ("usual", 1.0, 0.3), ("wide", 2.0, 0.1), ("odometry", 0.3, 1.0)]
+    {
+        let cycles = Harbor::star(2, 4).with_cycles(3);
+        let params = Harbor { biased_share: 0.0, gross_share: 0.0, prior_sigma: sigma, odometry, ..cycles };
+        let ratio = normalized_chi2(&params, 40);
+        assert!((0.9..1.1).contains(&ratio), "{name}: {ratio}");
+    }
+}
