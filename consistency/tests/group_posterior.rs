@@ -425,9 +425,9 @@ fn renaming_robots_changes_nothing() {
 #[test]
 fn a_drift_told_too_small_is_measured_and_sound_groups_are_kept() {
     let params = Harbor { drift_understated: 4.0, biased_share: 0.1, ..Harbor::default() };
-    let told = GcmParams { drift_most: 1.0, ..GcmParams::default() };
+    let told = GcmParams::default();
     let fixed = shares(&params, 30, |t| solve(t, &told).selection);
-    let doubtful = GcmParams { drift_doubt: 2.0, ..GcmParams::default() };
+    let doubtful = GcmParams { drift_most: 8.0, drift_doubt: 2.0, ..GcmParams::default() };
     let measured = shares(&params, 30, |t| solve(t, &doubtful).selection);
     assert!(measured.1 > fixed.1 + 0.05, "good {} with, {} without", measured.1, fixed.1);
     assert!(solve(&team(&params, 0), &doubtful).drift_scale > 1.0);

@@ -46,8 +46,9 @@ pub struct GcmParams {
     /// Weight of `sound` and `sound_single` against what the run itself shows, as a number of votes: the share is
     /// estimated under `Beta(strength · π, strength · (1 - π))`; default 40, infinity fixes the share.
     pub sound_strength: f64,
-    /// Largest factor by which the drift's σ between groups may exceed what the trajectories tell; 1 takes them at their
-    /// word. Default 8.
+    /// Largest factor by which the drift's σ between groups may exceed what the trajectories tell. Default 1: they are
+    /// taken at their word, since a drift taken too wide lets slips pass. Set it to 4 or 8 for maps known to be told
+    /// too precise.
     pub drift_most: f64,
     /// What each doubling of that σ costs, nats; default 6, so that covariances are believed until much speaks against
     /// them: a drift taken too wide lets slips pass.
@@ -111,7 +112,7 @@ impl Default for GcmParams {
             sound: 0.70,
             sound_single: 0.60,
             sound_strength: 40.0,
-            drift_most: 8.0,
+            drift_most: 1.0,
             drift_doubt: 6.0,
             slip_share: 0.90,
             gross_share: 0.03,
