@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use draco_registration::correlative::{CorrelativeParams, Start, Target};
+use draco_registration::correlative::{CorrelativeParams, FieldParams, Start, Target};
 use nalgebra::{Isometry2, Matrix3, Point2};
 
 use crate::error::Error;
@@ -27,12 +27,15 @@ pub struct ClosureParams {
     pub min_points: usize,
     /// Half width of the search, metres and radians. Default 5 m and 0.12 rad, for an alignment good to 1 to 2 m.
     pub matching: CorrelativeParams,
+    /// Second, finer search around what the first one found. Its narrower kernel tells the heading two to three times as
+    /// sharply. Default kernel 0.35 m, steps of 0.3 m within 1.2 m and 0.05 rad.
+    pub refinement: CorrelativeParams,
     /// Least score. Default 0.45.
     pub min_score: f64,
     /// Largest score far from the best over the best. Default 0.95.
     pub max_far_ratio: f64,
-    /// Factor on the matcher's covariance. Default 2: both submaps are bent, which the posterior does not know; the
-    /// real recording shows normalised errors of 1.8 and more without it.
+    /// Factor on the matcher's covariance. Default 1.5: both submaps are bent, which the posterior does not know. With it
+    /// the mean normalised error of accepted closures is 0.5 to 1.6 in the scenarios, and 3 on the real recording.
     pub covariance_factor: f64,
 }
 
@@ -47,9 +50,17 @@ impl Default for ClosureParams {
             target_half: 4,
             min_points: 40,
             matching: CorrelativeParams { radius: 5.0, angle: 0.12, ..CorrelativeParams::default() },
+            refinement: CorrelativeParams {
+                field: FieldParams { cell: 0.1, ..FieldParams::default() },
+                kernel_sigma: 0.35,
+                step: 0.3,
+                radius: 1.2,
+                angle: 0.05,
+                ..CorrelativeParams::default()
+            },
             min_score: 0.45,
             max_far_ratio: 0.95,
-            covariance_factor: 2.0,
+            covariance_factor: 1.5,
         }
     }
 }
@@ -114,7 +125,7 @@ pub fn candidates(
 /// A registered keyframe pair.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Registered {
-    /// The source keyframe seen from the target keyframe.
+    /// The source keyframe seen from the target keyframe, refined if it passed.
     pub target_from_source: Isometry2<f64>,
     /// Covariance in the frame of the source, order x, y, theta.
     pub covariance: Matrix3<f64>,
@@ -146,9 +157,15 @@ pub fn register(
     let found = Target::new(target, &params.matching)?.locate(source, &start)?;
     let passed =
         found.score >= params.min_score && found.far_ratio <= params.max_far_ratio && !found.at_border;
+    let placed = if passed {
+        let around = Start { target_from_source: found.target_from_source, covariance: None };
+        Target::new(target, &params.refinement)?.locate(source, &around)?
+    } else {
+        found
+    };
     Ok(Some(Registered {
-        target_from_source: found.target_from_source,
-        covariance: found.covariance * params.covariance_factor,
+        target_from_source: placed.target_from_source,
+        covariance: placed.covariance * params.covariance_factor,
         score: found.score,
         far_ratio: found.far_ratio,
         passed,
