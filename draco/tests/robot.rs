@@ -8,6 +8,7 @@ use draco::keyframe::{MissionData, Recording, RobotId};
 use draco::link::{Modem, ModemParams, Outgoing};
 use draco::message::{BROADCAST, CellUpdate, Frame, GraphUpdate, KeyframeId, Message, ObjectUpdate};
 use draco::mission::{MissionParams, run};
+use draco::report::KeyframeRef;
 use draco::robot::{Robot, RobotParams};
 use draco::simulate::{SimulationParams, simulate};
 use draco::transport::{Packet, PacketKind, Refusal, TeamKey, VERSION};
@@ -285,7 +286,7 @@ fn equal_missions_give_equal_results_to_the_bit() {
 }
 
 #[test]
-fn partners_hold_exactly_the_closures_that_a_robot_believes() {
+fn partners_hold_exactly_the_closures_found_under_alignments_that_a_robot_believes() {
     // With this seed robots 1 and 2 withdraw an alignment on which closures had been announced.
     let params = SimulationParams { seed: 2, ..SimulationParams::default() };
     let mut data = simulate(&params).expect("defaults are valid");
@@ -301,24 +302,22 @@ fn partners_hold_exactly_the_closures_that_a_robot_believes() {
             continue;
         }
         let frame = Frame::decode(&std::mem::take(message)).expect("a robot sends good messages");
-        if let Message::Closures { accepted, retracted } = frame.message {
+        if let Message::Closures { found, withdrawn } = frame.message {
             let held = told.entry(packet.sender).or_default();
-            retractions += retracted.len();
-            retracted.iter().for_each(|pair| assert!(held.remove(pair), "{pair:?} was never announced"));
-            held.extend(accepted.iter().map(|entry| (entry.source, entry.target)));
+            retractions += withdrawn.len();
+            withdrawn.iter().for_each(|pair| assert!(held.remove(pair), "{pair:?} was never announced"));
+            held.extend(found.iter().map(|entry| (entry.source, entry.target)));
         }
     }
     for robot in &flight.robots {
-        let believed: BTreeSet<_> = robot
-            .closure_reports()
-            .iter()
-            .filter(|closure| closure.decision == Decision::Accepted)
-            .map(|closure| [closure.b, closure.a].map(|k| KeyframeId { robot: k.robot, index: k.index }))
-            .map(|[source, target]| (source, target))
-            .collect();
+        let id = |k: KeyframeRef| KeyframeId { robot: k.robot, index: k.index };
+        let reports = robot.closure_reports();
+        let found: BTreeSet<_> = reports.iter().map(|closure| (id(closure.b), id(closure.a))).collect();
+        let believed = reports.iter().filter(|closure| closure.decision == Decision::Accepted).count();
         let held = told.remove(&robot.id()).unwrap_or_default();
-        println!("robot {}: {} closures believed, {} held by others", robot.id(), believed.len(), held.len());
-        assert_eq!(held, believed, "robot {}", robot.id());
+        println!("robot {}: {} closures found, {} held by others", robot.id(), found.len(), held.len());
+        // with one partner the alignment is believed, and then all were told, or it is not, and then nothing counts
+        assert!(held == found || held.is_empty() && believed == 0, "robot {}", robot.id());
     }
     assert!(retractions > 0, "nothing was withdrawn, so nothing was tested");
 }
@@ -346,7 +345,7 @@ fn well_formed_nonsense_does_not_stop_a_robot() {
         Message::Graph(GraphUpdate { keyframes: u32::MAX, factors: vec![], removed: vec![(u32::MAX, 0)] }),
         Message::Scan { keyframe: u32::MAX, points: vec![Point2::new(9e4, -9e4)] },
         Message::ScanRequest(vec![u32::MAX]),
-        Message::Closures { accepted: vec![], retracted: vec![(nowhere, nowhere)] },
+        Message::Closures { found: vec![], withdrawn: vec![(nowhere, nowhere)] },
         Message::Objects(ObjectUpdate { version: 9, whole: false, changed: vec![], removed: vec![3] }),
         // two cells at the ends of the world: no grid can hold them
         Message::Cells(CellUpdate {

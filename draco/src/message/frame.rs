@@ -122,7 +122,7 @@ mod tests {
                 Message::Cells(CellUpdate { version: 3, whole, size: 2.0, keyframes: 9, added, removed })
             }),
             prop::collection::vec(closure, 0..5)
-                .prop_map(|accepted| Message::Closures { accepted, retracted: Vec::new() }),
+                .prop_map(|found| Message::Closures { found, withdrawn: Vec::new() }),
             prop::collection::vec(factor, 0..5).prop_map(|factors| Message::Graph(GraphUpdate {
                 keyframes: 100,
                 factors,
@@ -158,9 +158,9 @@ mod tests {
         fn quantised_values_stay_within_half_a_step(p in (-900.0..900.0f64, -900.0..900.0f64, -3.1..3.1f64), s in covariances()) {
             let id = KeyframeId { robot: 2, index: 40 };
             let entry = ClosureEntry { source: id, target: id, measured: pose(p.0, p.1, p.2), covariance: s };
-            let bytes = frame(Message::Closures { accepted: vec![entry.clone()], retracted: vec![] }).encode().unwrap();
-            let Message::Closures { accepted, .. } = Frame::decode(&bytes).unwrap().message else { panic!() };
-            let back = &accepted[0];
+            let bytes = frame(Message::Closures { found: vec![entry.clone()], withdrawn: vec![] }).encode().unwrap();
+            let Message::Closures { found, .. } = Frame::decode(&bytes).unwrap().message else { panic!() };
+            let back = &found[0];
             let offset = back.measured.translation.vector - entry.measured.translation.vector;
             prop_assert!(offset.amax() <= 0.5 * Resolution::POSITION_M + 1e-9);
             prop_assert!(back.measured.rotation.angle_to(&entry.measured.rotation) <= 0.5 * Resolution::ANGLE_RAD + 1e-9);
@@ -202,7 +202,7 @@ mod tests {
         let id = KeyframeId { robot: 2, index: 40 };
         let vague = Matrix3::identity() * 300.0_f64.powi(2);
         let entry = ClosureEntry { source: id, target: id, measured: pose(0.0, 0.0, 0.0), covariance: vague };
-        let vague = frame(Message::Closures { accepted: vec![entry], retracted: vec![] });
+        let vague = frame(Message::Closures { found: vec![entry], withdrawn: vec![] });
         assert!(matches!(vague.encode(), Err(WireError::Value { .. })));
         assert!(matches!(Frame::decode(&[1]), Err(WireError::Malformed { .. })));
         assert!(matches!(Frame::decode(&[255, 3, 0, 0]), Err(WireError::Trailing { count: 1 })));

@@ -149,12 +149,15 @@ pub enum Message {
         /// Its points, quantised to the scan resolution; equal points are sent once.
         points: Vec<Point2<f64>>,
     },
-    /// Closures the sender believes, and ones it no longer does.
+    /// Closures the sender has registered under an alignment it believes, and ones whose alignment it has given up.
+    ///
+    /// They are evidence and not verdicts: every robot judges all of them by itself, so that no verdict rests on another
+    /// robot's verdict about the same closures.
     Closures {
-        /// Newly accepted closures.
-        accepted: Vec<ClosureEntry>,
+        /// New closures.
+        found: Vec<ClosureEntry>,
         /// Closures withdrawn, by source and target.
-        retracted: Vec<(KeyframeId, KeyframeId)>,
+        withdrawn: Vec<(KeyframeId, KeyframeId)>,
     },
     /// "Your map updates do not fit together; send me the whole maps."
     MapRequest,

@@ -98,7 +98,7 @@ pub(super) enum WireMessage {
     Graph { keyframes: u32, factors: Vec<WireFactor>, removed: Vec<(u32, u32)> },
     ScanRequest(Vec<u32>),
     Scan { keyframe: u32, cells: WireCells },
-    Closures { accepted: Vec<WireClosure>, retracted: Vec<(WireId, WireId)> },
+    Closures { found: Vec<WireClosure>, withdrawn: Vec<(WireId, WireId)> },
     MapRequest,
 }
 
@@ -264,9 +264,9 @@ impl WireMessage {
                 }
                 WireMessage::Scan { keyframe: *keyframe, cells: WireCells::new(cells.into_iter()) }
             }
-            Message::Closures { accepted, retracted } => WireMessage::Closures {
-                accepted: accepted.iter().map(closure_to_wire).collect::<Result<_, _>>()?,
-                retracted: retracted
+            Message::Closures { found, withdrawn } => WireMessage::Closures {
+                found: found.iter().map(closure_to_wire).collect::<Result<_, _>>()?,
+                withdrawn: withdrawn
                     .iter()
                     .map(|(source, target)| Ok((WireId::new(*source)?, WireId::new(*target)?)))
                     .collect::<Result<_, WireError>>()?,
@@ -311,9 +311,9 @@ impl WireMessage {
                 let cells = cells.cells(Resolution::SCAN_M)?;
                 Message::Scan { keyframe: *keyframe, points: cells.into_iter().map(point).collect() }
             }
-            WireMessage::Closures { accepted, retracted } => Message::Closures {
-                accepted: accepted.iter().map(closure_from_wire).collect::<Result<_, _>>()?,
-                retracted: retracted.iter().map(|(source, target)| (source.id(), target.id())).collect(),
+            WireMessage::Closures { found, withdrawn } => Message::Closures {
+                found: found.iter().map(closure_from_wire).collect::<Result<_, _>>()?,
+                withdrawn: withdrawn.iter().map(|(source, target)| (source.id(), target.id())).collect(),
             },
             WireMessage::MapRequest => Message::MapRequest,
         })

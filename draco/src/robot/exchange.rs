@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 use super::maps::SentMaps;
 use super::{Robot, WireError};
 use crate::error::Error;
-use crate::evaluate::Decision;
 use crate::keyframe::RobotId;
 use crate::message::{BROADCAST, FactorEntry, Frame, GraphUpdate, KeyframeId, Message};
 use crate::transport::Refusal;
@@ -60,11 +59,11 @@ impl Robot {
             Message::Scan { keyframe, points } => {
                 partner.scans.insert(keyframe, points);
             }
-            Message::Closures { accepted, retracted } => {
-                for pair in retracted {
+            Message::Closures { found, withdrawn } => {
+                for pair in withdrawn {
                     self.has_news |= partner.closures.remove(&pair).is_some();
                 }
-                for entry in accepted {
+                for entry in found {
                     partner.closures.insert((entry.source, entry.target), entry);
                     self.has_news = true;
                 }
@@ -155,19 +154,19 @@ impl Robot {
         Ok(vec![Message::Cells(cells), Message::Objects(objects)])
     }
 
-    /// Own closures newly accepted or withdrawn, those of a withdrawn alignment among them.
+    /// Own closures newly found under a believed alignment, and those whose alignment has been given up.
     fn closure_update(&mut self) -> Option<Message> {
-        let believed: BTreeMap<_, _> =
-            self.proposals.iter().filter(|(_, proposal)| proposal.decision == Decision::Accepted).collect();
+        let valid: BTreeMap<_, _> =
+            self.proposals.iter().filter(|((source, _), _)| self.is_aligned(source.robot)).collect();
         let sent = &mut self.outbox.closures;
-        let retracted: Vec<_> = sent.iter().filter(|pair| !believed.contains_key(pair)).copied().collect();
-        for pair in &retracted {
+        let withdrawn: Vec<_> = sent.iter().filter(|pair| !valid.contains_key(pair)).copied().collect();
+        for pair in &withdrawn {
             sent.remove(pair);
         }
-        let new = believed.into_iter().filter(|(pair, _)| sent.insert(**pair));
-        let accepted: Vec<_> = new.map(|(_, proposal)| proposal.entry.clone()).collect();
-        let news = !(accepted.is_empty() && retracted.is_empty());
-        news.then_some(Message::Closures { accepted, retracted })
+        let new = valid.into_iter().filter(|(pair, _)| sent.insert(**pair));
+        let found: Vec<_> = new.map(|(_, proposal)| proposal.entry.clone()).collect();
+        let news = !(found.is_empty() && withdrawn.is_empty());
+        news.then_some(Message::Closures { found, withdrawn })
     }
 }
 

@@ -280,7 +280,7 @@ impl Robot {
 }
 
 impl Robot {
-    /// The closures to judge: own proposals under believed alignments and what partners believe, each keyframe pair
+    /// The closures to judge: own proposals under believed alignments and what partners found, each keyframe pair
     /// once, ascending in source and target.
     fn entries(&self) -> Vec<ClosureEntry> {
         let mut entries: BTreeMap<(KeyframeId, KeyframeId), &ClosureEntry> = BTreeMap::new();
@@ -343,7 +343,7 @@ impl Robot {
         poses.get(keyframe.index as usize).copied()
     }
 
-    fn is_aligned(&self, partner: RobotId) -> bool {
+    pub(super) fn is_aligned(&self, partner: RobotId) -> bool {
         self.partners.get(&partner).is_some_and(|p| matches!(p.alignment, Alignment::Accepted(_)))
     }
 

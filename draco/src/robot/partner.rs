@@ -52,7 +52,7 @@ pub(super) struct Partner {
     pub(super) scans: BTreeMap<u32, Vec<Point2<f64>>>,
     /// Keyframes whose scans have been asked for.
     pub(super) requested: BTreeSet<u32>,
-    /// Closures it believes, by source and target.
+    /// Closures it found under alignments it believes, by source and target.
     pub(super) closures: BTreeMap<(KeyframeId, KeyframeId), ClosureEntry>,
     /// Where its map lies.
     pub(super) alignment: Alignment,
