@@ -157,19 +157,7 @@ pub fn harbor<const N: usize, G: Pose<N>>(
     rng: &mut impl Rng,
 ) -> Result<SimulatedTeam<G, N>, Error> {
     let paths: Vec<Path<G, N>> = (0..params.robots).map(|_| Path::draw(params, rng)).collect();
-    let mut trajectories = Trajectories::new();
-    for (robot, path) in (0..).zip(&paths) {
-        trajectories.insert(robot, path.trajectory()?);
-    }
-    let mut team = SimulatedTeam {
-        trajectories,
-        closures: Vec::new(),
-        labels: Vec::new(),
-        groups: Vec::new(),
-        biases: Vec::new(),
-        priors: Vec::new(),
-        reference_from_robot: paths.iter().map(|p| paths[0].world[0].between(&p.world[0])).collect(),
-    };
+    let mut team = without_closures(&paths)?;
     let prior_errors = draw_priors(params, &paths, &mut team, rng);
     let shared_step = lattice_step(rng);
     for meetings in &params.meetings {
@@ -193,6 +181,25 @@ pub fn harbor<const N: usize, G: Pose<N>>(
         }
     }
     Ok(team)
+}
+
+/// A team that has driven its paths and closed no loops yet.
+pub(super) fn without_closures<const N: usize, G: Pose<N>>(
+    paths: &[Path<G, N>],
+) -> Result<SimulatedTeam<G, N>, Error> {
+    let mut trajectories = Trajectories::new();
+    for (robot, path) in (0..).zip(paths) {
+        trajectories.insert(robot, path.trajectory()?);
+    }
+    Ok(SimulatedTeam {
+        trajectories,
+        closures: Vec::new(),
+        labels: Vec::new(),
+        groups: Vec::new(),
+        biases: Vec::new(),
+        priors: Vec::new(),
+        reference_from_robot: paths.iter().map(|p| paths[0].world[0].between(&p.world[0])).collect(),
+    })
 }
 
 /// `n` standard normals scaled by the two sigmas.

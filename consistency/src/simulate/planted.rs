@@ -1,7 +1,7 @@
 use rand::{Rng, RngExt};
 
-use super::harbor::{Harbor, KEYFRAMES, Label, Path, SimulatedTeam, far_away, noise};
-use crate::{Closure, Error, Pose, PoseKey, Trajectories, isotropic_covariance};
+use super::harbor::{Harbor, KEYFRAMES, Label, Path, SimulatedTeam, far_away, noise, without_closures};
+use crate::{Closure, Error, Pose, PoseKey, isotropic_covariance};
 
 /// Parameters of [`planted()`].
 #[derive(Debug, Clone, PartialEq)]
@@ -55,19 +55,7 @@ pub fn planted<const N: usize, G: Pose<N>>(
     }
     let world = Harbor { robots: 2, odometry: params.odometry, ..Harbor::default() };
     let paths: [Path<G, N>; 2] = [Path::draw(&world, rng), Path::draw(&world, rng)];
-    let mut trajectories = Trajectories::new();
-    for (robot, path) in (0..).zip(&paths) {
-        trajectories.insert(robot, path.trajectory()?);
-    }
-    let mut team = SimulatedTeam {
-        trajectories,
-        closures: Vec::new(),
-        labels: Vec::new(),
-        groups: Vec::new(),
-        biases: Vec::new(),
-        priors: Vec::new(),
-        reference_from_robot: paths.iter().map(|p| paths[0].world[0].between(&p.world[0])).collect(),
-    };
+    let mut team = without_closures(&paths)?;
     let covariance = isotropic_covariance::<N, G>(params.noise.0, params.noise.1);
     let mut add = |k: usize, seen: usize, told: usize, label: Label, group: usize, rng: &mut _| {
         let mut z = paths[1].world[seen].between(&paths[0].world[k]).plus(&noise::<N, G>(params.noise, rng));
