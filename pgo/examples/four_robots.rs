@@ -25,7 +25,7 @@ fn main() -> Result<(), Error> {
                 &mut agents,
                 rounds,
                 lost,
-                |agent| agent.step().inspect(|m| bytes += m.bytes::<3>()),
+                |agent| agent.step().inspect(|m| bytes += m.bytes()),
                 |a, m| a.receive(m),
             )?;
             let poses = agents.iter().flat_map(|a| a.poses().map(|(key, pose)| (key, *pose))).collect();

@@ -81,6 +81,12 @@ pub enum Error {
         /// Pose at whose elimination a pivot was not positive.
         key: Key,
     },
+    /// A pose was taken out of a smoother, and what is asked is not known before its next update.
+    #[error("the covariance of pose {key} is not known before the next update")]
+    OutOfDate {
+        /// The pose that was asked for.
+        key: Key,
+    },
     /// A parameter outside its range.
     #[error("parameter {name} = {value} is out of range")]
     Parameter {

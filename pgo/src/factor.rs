@@ -25,6 +25,12 @@ pub trait CustomFactor<G, const N: usize>: Debug + Send + Sync {
     /// Writes the derivative of the residual by the right perturbation of pose `which` (tangent order
     /// translation, then rotation), row-major, `dimension × N`.
     fn jacobian(&self, poses: &[G], which: usize, jacobian: &mut [f64]);
+
+    /// Whether the factor holds its poses in place by itself, as a prior does, so that their part of the graph needs
+    /// no other gauge. Default: no.
+    fn anchors(&self) -> bool {
+        false
+    }
 }
 
 /// What a factor measures.
@@ -70,6 +76,15 @@ impl<G, const N: usize> Factor<G, N> {
             Measurement::Prior { key, .. } => vec![*key],
             Measurement::Between { from, to, .. } => vec![*from, *to],
             Measurement::Custom(custom) => custom.keys().to_vec(),
+        }
+    }
+
+    /// Whether the factor alone holds its poses in place.
+    pub(crate) fn anchors(&self) -> bool {
+        match &self.measurement {
+            Measurement::Prior { .. } => true,
+            Measurement::Between { .. } => false,
+            Measurement::Custom(custom) => custom.anchors(),
         }
     }
 }

@@ -297,7 +297,7 @@ impl<const N: usize, G: LieGroup<N>> PoseGraph<G, N> {
             for pair in slots.windows(2) {
                 union(&mut parent, pair[0], pair[1]);
             }
-            if let (Measurement::Prior { .. }, [slot]) = (&factor.measurement, slots.as_slice()) {
+            if let (true, Some(slot)) = (factor.anchors(), slots.first()) {
                 anchored[*slot as usize] = true;
             }
         }

@@ -4,6 +4,7 @@
 
 mod certify;
 mod chordal;
+mod condense;
 pub mod distributed;
 mod error;
 pub mod evaluation;
@@ -20,6 +21,7 @@ mod marginals;
 mod max_mixture;
 mod optimizer;
 mod problem;
+mod quadratic;
 mod solve;
 mod spanning_tree;
 mod sparse;

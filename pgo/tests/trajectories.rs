@@ -87,10 +87,21 @@ fn bad_lines_of_trajectories_are_named() {
 
 #[test]
 fn mutated_trajectories_never_panic() {
+    mutate(20_000, 5);
+}
+
+#[test]
+#[ignore = "a million inputs, a minute in the dev profile"]
+fn a_million_mutated_trajectories_never_panic() {
+    mutate(1_000_000, 6);
+}
+
+/// Reads mutated files of either format; what is accepted must be finite and a rigid motion.
+fn mutate(rounds: usize, seed: u64) {
     let seeds = [tum_seed(), kitti::to_text(&poses()[..3])];
-    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
     let mut accepted = 0;
-    for round in 0..20_000 {
+    for round in 0..rounds {
         let mut bytes = seeds[round % 2].as_bytes().to_vec();
         for _ in 0..rng.random_range(1..4) {
             let at = rng.random_range(0..bytes.len());
@@ -109,9 +120,11 @@ fn mutated_trajectories_never_panic() {
         for pose in poses.iter().flatten() {
             accepted += 1;
             assert!((pose.rotation.norm() - 1.0).abs() < 1e-9, "{text}");
+            assert!(pose.translation.vector.iter().all(|x| x.is_finite()), "{text}");
         }
     }
-    assert!(accepted > 1000, "{accepted}");
+    println!("{accepted} poses accepted from {rounds} inputs");
+    assert!(accepted > rounds / 20, "{accepted}");
 }
 
 fn tum_seed() -> String {

@@ -2,37 +2,84 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use draco_lie::LieGroup;
-use nalgebra::{DMatrix, DVector, SVector};
+use nalgebra::SMatrix;
 
-use crate::problem::{HELD, Problem};
-use crate::{CustomFactor, Error, Gauge, Kernel, Key, Measurement, PoseGraph, SolveParams, Start, solve};
+use crate::condense::{Model, condense};
+use crate::quadratic::Quadratic;
+use crate::{Error, Kernel, Key, Measurement, PoseGraph, SolveParams, Start, solve};
 
-/// What one robot's measurements say about the poses it shares with others: the quadratic model of its cost with all
-/// its other poses at their best.
+/// A relative pose as it was measured, between two poses that robots share.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ModelMessage<G> {
+pub struct Relative<G, const N: usize> {
+    /// The pose measured from.
+    pub from: Key,
+    /// The pose measured.
+    pub to: Key,
+    /// `from_from_to`.
+    pub measured: G,
+    /// Information in the frame of the measured `to`, order translation then rotation.
+    pub information: SMatrix<f64, N, N>,
+    /// Robust kernel.
+    pub kernel: Kernel,
+}
+
+/// What one robot's measurements say about the poses it shares with others: relative poses between those as they
+/// were measured, and quadratic models of all else with the robot's other poses at their best.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelMessage<G, const N: usize> {
     /// Sender.
     pub robot: u32,
     /// Grows with every message of a sender, so that a receiver can drop what arrives late.
     pub sequence: u64,
-    /// Where the model was made: the sender's poses that factors join to other robots, and the others' poses that
+    /// Where the models were made: the sender's poses that factors join to other robots, and the others' poses that
     /// the sender's factors name, in the common frame.
     pub poses: Vec<(Key, G)>,
-    /// Hessian of the model by the right perturbations of the poses, order translation then rotation within each.
-    pub information: DMatrix<f64>,
-    /// Gradient of the model.
-    pub gradient: DVector<f64>,
+    /// The models; their keys are among those of `poses`.
+    pub models: Vec<Model>,
+    /// The relative poses; their keys are among those of `poses`.
+    pub relatives: Vec<Relative<G, N>>,
 }
 
-impl<G> ModelMessage<G> {
-    /// Size on the wire in bytes: 4 for the robot, 8 for the sequence, 8 a key and 8 a number; of the Hessian the
-    /// upper triangle.
-    pub fn bytes<const N: usize>(&self) -> usize
-    where
-        G: LieGroup<N>,
-    {
-        let side = self.gradient.len();
-        12 + 8 * (self.poses.len() * (1 + N) + side * (side + 1) / 2 + side)
+impl<const N: usize, G: LieGroup<N>> ModelMessage<G, N> {
+    /// Size on the wire in bytes: 4 for the robot, 8 for the sequence, 8 a key and 8 a number, 9 a kernel; of
+    /// symmetric matrices the upper triangle.
+    pub fn bytes(&self) -> usize {
+        let triangle = |side: usize| side * (side + 1) / 2;
+        let model = |m: &Model| {
+            let side = m.gradient.len();
+            8 * (m.keys.len() + triangle(side) + side)
+        };
+        let relative = 8 * (2 + N + triangle(N)) + 9;
+        12 + 8 * self.poses.len() * (1 + N)
+            + self.models.iter().map(model).sum::<usize>()
+            + self.relatives.len() * relative
+    }
+
+    /// Adds to a graph what the message says, and the poses it lacks; `None` when it is not sound: sizes that do not
+    /// match, keys it does not hold, numbers that are not finite.
+    fn add_to(&self, graph: &mut PoseGraph<G, N>) -> Option<()> {
+        let at: BTreeMap<Key, G> = self.poses.iter().copied().collect();
+        for (key, pose) in &self.poses {
+            if graph.pose(*key).is_none() {
+                graph.add_pose(*key, *pose).ok()?;
+            }
+        }
+        for r in &self.relatives {
+            (at.contains_key(&r.from) && at.contains_key(&r.to)).then_some(())?;
+            graph.add_between(r.from, r.to, r.measured, r.information, r.kernel).ok()?;
+        }
+        for model in &self.models {
+            let side = model.keys.len() * N;
+            let fits = model.information.shape() == (side, side) && model.gradient.len() == side;
+            let finite = model.information.iter().chain(&model.gradient).all(|x| x.is_finite());
+            (fits && finite).then_some(())?;
+            let poses: Option<Vec<(Key, G)>> =
+                model.keys.iter().map(|key| at.get(key).map(|pose| (*key, *pose))).collect();
+            if let Some(factor) = Quadratic::new(&poses?, &model.information, &model.gradient) {
+                graph.add_custom(Arc::new(factor), Kernel::None).ok()?;
+            }
+        }
+        Some(())
     }
 }
 
@@ -42,8 +89,9 @@ impl<G> ModelMessage<G> {
 ///
 /// A model is exact to second order where it was made, so once nothing moves any more the gradient of the common
 /// cost is zero: the fixed points are those of the centralised problem, and near them each round is a step of
-/// Gauss-Newton. That takes few rounds where [`super::Agent`] takes thousands, for messages that grow with the
-/// square of the number of shared poses. Messages may be lost, repeated and reordered; agents may step in any order.
+/// Gauss-Newton. That takes few rounds where [`super::Agent`] takes thousands, for larger messages: they grow with
+/// the number of shared poses where a robot goes on without meeting its own path, and with its square where its own
+/// loops join all of them. Messages may be lost, repeated and reordered; agents may step in any order.
 /// Every agent needs a common frame for the first guesses.
 ///
 /// A factor between robots counts as the lower robot's.
@@ -57,9 +105,9 @@ pub struct CondensingAgent<G, const N: usize> {
     /// Own poses, the factors that count as one's own, and the others' poses those name.
     local: PoseGraph<G, N>,
     /// Poses of `local` that models are about.
-    shared: Vec<Key>,
-    /// The last model heard from each robot.
-    models: BTreeMap<u32, ModelMessage<G>>,
+    shared: BTreeSet<Key>,
+    /// The last message heard from each robot.
+    heard: BTreeMap<u32, ModelMessage<G, N>>,
     params: SolveParams,
     sequence: u64,
 }
@@ -101,29 +149,24 @@ impl<const N: usize, G: LieGroup<N>> CondensingAgent<G, N> {
             }
             add(&mut local, &factor.measurement, factor.information, factor.kernel)?;
         }
-        let shared = shared.into_iter().filter(|key| !local.is_fixed(*key)).collect();
+        shared.retain(|key| !local.is_fixed(*key));
         Ok(Self {
             robot,
             local,
             shared,
-            models: BTreeMap::new(),
+            heard: BTreeMap::new(),
             // models know nothing of a relaxed start
             params: SolveParams { max_iterations: 1, start: Start::Given, ..SolveParams::default() },
             sequence: 0,
         })
     }
 
-    /// Takes in a message; what is older than the last one heard from its sender, one's own, or not a model (sizes
-    /// that do not match, numbers that are not finite) is dropped.
-    pub fn receive(&mut self, message: &ModelMessage<G>) {
-        let newest = self.models.get(&message.robot).is_none_or(|last| last.sequence < message.sequence);
-        let side = message.poses.len() * N;
-        let sound = message.information.shape() == (side, side)
-            && message.gradient.len() == side
-            && message.information.iter().chain(message.gradient.iter()).all(|x| x.is_finite())
-            && message.poses.iter().all(|(_, pose)| pose.log().iter().all(|x| x.is_finite()));
-        if message.robot != self.robot && newest && sound {
-            self.models.insert(message.robot, message.clone());
+    /// Takes in a message; what is older than the last one heard from its sender, one's own, or not sound (sizes that
+    /// do not match, keys that are missing, numbers that are not finite) is dropped.
+    pub fn receive(&mut self, message: &ModelMessage<G, N>) {
+        let newest = self.heard.get(&message.robot).is_none_or(|last| last.sequence < message.sequence);
+        if message.robot != self.robot && newest && message.add_to(&mut PoseGraph::new()).is_some() {
+            self.heard.insert(message.robot, message.clone());
         }
     }
 
@@ -131,29 +174,40 @@ impl<const N: usize, G: LieGroup<N>> CondensingAgent<G, N> {
     ///
     /// # Errors
     /// [`Error::Indefinite`] when the agent's factors do not determine one of its poses given the shared ones.
-    pub fn step(&mut self) -> Result<ModelMessage<G>, Error> {
+    pub fn step(&mut self) -> Result<ModelMessage<G, N>, Error> {
         let mut joint = self.local.clone();
-        for model in self.models.values() {
-            for (key, pose) in &model.poses {
-                if joint.pose(*key).is_none() {
-                    joint.add_pose(*key, *pose)?;
-                }
-            }
-            if let Some(factor) = ModelFactor::new(model) {
-                joint.add_custom(Arc::new(factor), Kernel::None)?;
-            }
+        for message in self.heard.values() {
+            message.add_to(&mut joint);
         }
         let solution = solve(&joint, &self.params)?;
         self.local.update(&solution);
         self.sequence += 1;
-        let (information, gradient) = condense(&self.local, &self.shared)?;
+        self.message()
+    }
+
+    fn message(&self) -> Result<ModelMessage<G, N>, Error> {
+        let mut relatives = Vec::new();
+        let mut others = Vec::new();
+        for (id, factor) in self.local.factors() {
+            match &factor.measurement {
+                Measurement::Between { from, to, measured }
+                    if self.shared.contains(from) && self.shared.contains(to) =>
+                {
+                    let (from, to, measured) = (*from, *to, *measured);
+                    let (information, kernel) = (factor.information, factor.kernel);
+                    relatives.push(Relative { from, to, measured, information, kernel });
+                }
+                _ => others.push(id),
+            }
+        }
+        let models = condense(&self.local, &self.shared, others.into_iter())?;
         let poses = self.shared.iter().filter_map(|key| self.local.pose(*key).map(|pose| (*key, *pose)));
         Ok(ModelMessage {
             robot: self.robot,
             sequence: self.sequence,
             poses: poses.collect(),
-            information,
-            gradient,
+            models,
+            relatives,
         })
     }
 
@@ -166,7 +220,7 @@ impl<const N: usize, G: LieGroup<N>> CondensingAgent<G, N> {
 fn add<const N: usize, G: LieGroup<N>>(
     graph: &mut PoseGraph<G, N>,
     measurement: &Measurement<G, N>,
-    information: nalgebra::SMatrix<f64, N, N>,
+    information: SMatrix<f64, N, N>,
     kernel: Kernel,
 ) -> Result<(), Error> {
     match measurement {
@@ -177,162 +231,4 @@ fn add<const N: usize, G: LieGroup<N>>(
         Measurement::Custom(custom) => graph.add_custom(custom.clone(), kernel)?,
     };
     Ok(())
-}
-
-/// Hessian and gradient of the cost of `graph` by the poses `shared`, with all others eliminated.
-fn condense<const N: usize, G: LieGroup<N>>(
-    graph: &PoseGraph<G, N>,
-    shared: &[Key],
-) -> Result<(DMatrix<f64>, DVector<f64>), Error> {
-    let mut all = Problem::new(graph, &[])?;
-    all.linearise(&graph.poses);
-    let mut held = graph.clone();
-    for key in shared {
-        held.set_fixed(*key, true)?;
-    }
-    let gauge = held.gauge_keys(Gauge::HoldFirst)?;
-    let mut inner = Problem::new(&held, &gauge)?;
-    inner.linearise(&graph.poses);
-    let mut place = vec![HELD; graph.pose_count()];
-    for (index, key) in shared.iter().enumerate() {
-        place[graph.slot(*key)?] = index as u32;
-    }
-    let side = shared.len() * N;
-    let (mut information, mut gradient) = (DMatrix::<f64>::zeros(side, side), DVector::<f64>::zeros(side));
-    for (column, slot) in all.slots.iter().enumerate() {
-        let at = place[*slot as usize];
-        if at != HELD {
-            let at = at as usize * N;
-            information.view_mut((at, at), (N, N)).copy_from(&all.hessian.diagonal[column]);
-            gradient.rows_mut(at, N).copy_from(&all.gradient[column]);
-        }
-    }
-    // blocks between eliminated and shared poses, by shared pose
-    let mut mixed: Vec<Vec<(usize, nalgebra::SMatrix<f64, N, N>)>> = vec![Vec::new(); shared.len()];
-    for (block, (row, column)) in all.hessian.off_diagonal.iter().zip(&all.pairs) {
-        let slots = [*row, *column].map(|c| all.slots[c as usize] as usize);
-        let places = slots.map(|s| place[s]);
-        let columns = slots.map(|s| inner.columns[s]);
-        match places {
-            [HELD, HELD] => {}
-            [HELD, at] if columns[0] != HELD => mixed[at as usize].push((columns[0] as usize, *block)),
-            [at, HELD] if columns[1] != HELD => {
-                mixed[at as usize].push((columns[1] as usize, block.transpose()));
-            }
-            [a, b] if a != HELD && b != HELD => {
-                let (a, b) = (a as usize * N, b as usize * N);
-                information.view_mut((a, b), (N, N)).copy_from(block);
-                information.view_mut((b, a), (N, N)).copy_from(&block.transpose());
-            }
-            _ => {}
-        }
-    }
-    if inner.free() > 0 {
-        eliminate(graph, &inner, &mixed, &mut information, &mut gradient)?;
-    }
-    Ok((information, gradient))
-}
-
-/// Subtracts from the shared blocks what the poses of `inner` contribute once they are at their best.
-fn eliminate<const N: usize, G: LieGroup<N>>(
-    graph: &PoseGraph<G, N>,
-    inner: &Problem<G, N>,
-    mixed: &[Vec<(usize, nalgebra::SMatrix<f64, N, N>)>],
-    information: &mut DMatrix<f64>,
-    gradient: &mut DVector<f64>,
-) -> Result<(), Error> {
-    let mut cholesky = inner.cholesky();
-    cholesky
-        .factor(&inner.hessian, None)
-        .map_err(|c| Error::Indefinite { key: graph.keys[inner.slots[c] as usize] })?;
-    let zero = SVector::<f64, N>::zeros();
-    let touching = |x: &[SVector<f64, N>], other: usize| -> SVector<f64, N> {
-        mixed[other].iter().fold(zero, |sum, (at, block)| sum + block.tr_mul(&x[*at]))
-    };
-    let mut x = inner.gradient.clone();
-    cholesky.solve(&mut x);
-    for other in 0..mixed.len() {
-        let mut rows = gradient.rows_mut(other * N, N);
-        rows -= touching(&x, other);
-    }
-    for (shared, blocks) in mixed.iter().enumerate() {
-        for c in 0..N {
-            x.fill(zero);
-            for (at, block) in blocks {
-                x[*at] += block.column(c);
-            }
-            cholesky.solve(&mut x);
-            for other in 0..mixed.len() {
-                let mut column = information.view_mut((other * N, shared * N + c), (N, 1));
-                column -= touching(&x, other);
-            }
-        }
-    }
-    let symmetric = (&*information + information.transpose()) * 0.5;
-    information.copy_from(&symmetric);
-    Ok(())
-}
-
-/// Added to the diagonal of a model, relative to its largest entry: models do not know where they lie together. It
-/// pulls towards where the model was made, which at a fixed point is where the poses are.
-const DAMPING: f64 = 1e-10;
-
-/// A model as a factor: `½ |W δ + c|²` with `δ` the perturbations from where it was made, `WᵀW` the Hessian and
-/// `Wᵀc` the gradient.
-#[derive(Debug)]
-struct ModelFactor<G> {
-    keys: Vec<Key>,
-    reference: Vec<G>,
-    whitening: DMatrix<f64>,
-    offset: DVector<f64>,
-}
-
-impl<G> ModelFactor<G> {
-    fn new<const N: usize>(model: &ModelMessage<G>) -> Option<Self>
-    where
-        G: LieGroup<N>,
-    {
-        if model.poses.is_empty() {
-            return None;
-        }
-        let mut damped = model.information.clone();
-        let damping = DAMPING * damped.diagonal().max();
-        (0..damped.nrows()).for_each(|k| damped[(k, k)] += damping);
-        let lower = damped.cholesky()?.l();
-        let offset = lower.solve_lower_triangular(&model.gradient)?;
-        let (keys, reference) = model.poses.iter().copied().unzip();
-        Some(Self { keys, reference, whitening: lower.transpose(), offset })
-    }
-}
-
-impl<const N: usize, G: LieGroup<N>> CustomFactor<G, N> for ModelFactor<G> {
-    fn keys(&self) -> &[Key] {
-        &self.keys
-    }
-
-    fn dimension(&self) -> usize {
-        self.offset.len()
-    }
-
-    fn residual(&self, poses: &[G], residual: &mut [f64]) {
-        residual.copy_from_slice(self.offset.as_slice());
-        for (i, (reference, pose)) in self.reference.iter().zip(poses).enumerate() {
-            let moved = reference.between(pose).log();
-            // the whitening is upper triangular
-            for (row, sum) in residual.iter_mut().enumerate().take((i + 1) * N) {
-                *sum += (0..N).map(|c| self.whitening[(row, i * N + c)] * moved[c]).sum::<f64>();
-            }
-        }
-    }
-
-    fn jacobian(&self, poses: &[G], which: usize, jacobian: &mut [f64]) {
-        let by_pose = G::right_jacobian_inverse(&self.reference[which].between(&poses[which]).log());
-        jacobian.fill(0.0);
-        for row in 0..(which + 1) * N {
-            for c in 0..N {
-                jacobian[row * N + c] =
-                    (0..N).map(|k| self.whitening[(row, which * N + k)] * by_pose[(k, c)]).sum();
-            }
-        }
-    }
 }

@@ -11,7 +11,8 @@ mod condensed;
 mod condensing;
 mod two_step;
 
+pub use crate::condense::Model;
 pub use block_coordinate::{Agent, PoseMessage};
 pub use condensed::{Condensed, CondensedFactor};
-pub use condensing::{CondensingAgent, ModelMessage};
+pub use condensing::{CondensingAgent, ModelMessage, Relative};
 pub use two_step::{Link, Neighbour, TwoStepSolution, TwoStepVariant, two_step};

@@ -58,10 +58,8 @@ impl Anchors {
         let Some(factor) = graph.factor(id) else { return };
         let slots: Vec<u32> =
             factor.keys().iter().filter_map(|key| graph.slot(*key).ok()).map(|slot| slot as u32).collect();
-        let anchor = match &factor.measurement {
-            Measurement::Between { .. } => false,
-            Measurement::Prior { .. } | Measurement::Custom(_) => slots.len() == 1,
-        };
+        let alone = matches!(factor.measurement, Measurement::Custom(_)) && slots.len() == 1;
+        let anchor = alone || factor.anchors();
         let Some(first) = slots.first() else { return };
         let mut anchored = anchor;
         for slot in &slots {

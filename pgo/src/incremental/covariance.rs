@@ -16,7 +16,8 @@ impl<const N: usize, G: LieGroup<N>> Incremental<G, N> {
     /// Only the cliques from the pose to the root are looked at.
     ///
     /// # Errors
-    /// [`Error::UnknownKey`], also for poses that no update has taken in yet.
+    /// [`Error::UnknownKey`], also for poses that no update has taken in yet; [`Error::OutOfDate`] when a pose was
+    /// taken out since the last update.
     pub fn covariance(&self, key: Key) -> Result<SMatrix<f64, N, N>, Error> {
         let slot = self.settled(key)?;
         Ok(self.tree.inverse_blocks(slot, &[slot])[0])
@@ -25,7 +26,8 @@ impl<const N: usize, G: LieGroup<N>> Incremental<G, N> {
     /// Joint covariance of several poses as of the last update, `N × N` blocks in the order of `keys`.
     ///
     /// # Errors
-    /// [`Error::UnknownKey`], also for poses that no update has taken in yet.
+    /// [`Error::UnknownKey`], also for poses that no update has taken in yet; [`Error::OutOfDate`] when a pose was
+    /// taken out since the last update.
     pub fn joint_covariance(&self, keys: &[Key]) -> Result<DMatrix<f64>, Error> {
         let slots = keys.iter().map(|key| self.settled(*key)).collect::<Result<Vec<u32>, Error>>()?;
         let mut joint = DMatrix::zeros(keys.len() * N, keys.len() * N);
@@ -39,6 +41,9 @@ impl<const N: usize, G: LieGroup<N>> Incremental<G, N> {
 
     fn settled(&self, key: Key) -> Result<u32, Error> {
         let slot = self.graph.slot(key)?;
+        if self.tree.is_apart() {
+            return Err(Error::OutOfDate { key });
+        }
         let known = self.tree.home.get(slot).is_some_and(|home| *home != NONE);
         if known || self.graph.fixed[slot] { Ok(slot as u32) } else { Err(Error::UnknownKey { key }) }
     }

@@ -6,6 +6,7 @@ mod elimination;
 mod front;
 mod model;
 mod params;
+mod removal;
 mod tree;
 
 use std::sync::Arc;

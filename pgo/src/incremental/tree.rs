@@ -45,6 +45,8 @@ pub(crate) struct Tree<const N: usize> {
     pub(crate) home: Vec<u32>,
     /// Step of each slot from its linearisation point.
     pub(crate) delta: Vec<SVector<f64, N>>,
+    /// Cliques whose parents were taken apart and not replaced yet.
+    orphans: Vec<u32>,
     arch: pulp::Arch,
     fresh: Vec<u32>,
     scratch: Scratch,
@@ -87,6 +89,7 @@ impl<const N: usize> Tree<N> {
             unused: Vec::new(),
             home: Vec::new(),
             delta: Vec::new(),
+            orphans: Vec::new(),
             arch: pulp::Arch::new(),
             fresh: Vec::new(),
             scratch: Scratch::default(),
@@ -134,6 +137,51 @@ impl<const N: usize> Tree<N> {
         outcome.map(|()| count)
     }
 
+    /// Takes apart what depends on the factors of `involved` slots and puts nothing in its place; returns the slots
+    /// that the next update has to eliminate, the involved ones among them.
+    pub(crate) fn detach(&mut self, involved: &[u32]) -> Vec<u32> {
+        self.mark(involved);
+        let Self { cliques, unused, home, orphans, scratch, .. } = self;
+        let Scratch { marked, is_marked, affected, local, pool, .. } = scratch;
+        orphans.retain(|orphan| !is_marked[*orphan as usize]);
+        for id in marked.iter() {
+            for child in std::mem::take(&mut cliques[*id as usize].children) {
+                if !is_marked[child as usize] {
+                    cliques[child as usize].parent = NONE;
+                    orphans.push(child);
+                }
+            }
+        }
+        for id in marked.iter() {
+            let clique = &mut cliques[*id as usize];
+            pool.push(std::mem::take(&mut clique.values));
+            clique.slots.clear();
+            clique.eliminated = 0;
+            is_marked[*id as usize] = false;
+            unused.push(*id);
+        }
+        for slot in affected.iter() {
+            (home[*slot as usize], local[*slot as usize]) = (NONE, NONE);
+        }
+        std::mem::take(affected)
+    }
+
+    /// Takes out a slot that no clique holds; the slots after it move up.
+    pub(crate) fn remove_slot(&mut self, slot: u32) {
+        let at = slot as usize;
+        self.home.remove(at);
+        self.delta.remove(at);
+        self.scratch.local.remove(at);
+        self.scratch.changed.remove(at);
+        let slots = self.cliques.iter_mut().flat_map(|clique| &mut clique.slots);
+        slots.filter(|other| **other > slot).for_each(|other| *other -= 1);
+    }
+
+    /// Whether something was taken apart and not put together again.
+    pub(crate) fn is_apart(&self) -> bool {
+        !self.orphans.is_empty()
+    }
+
     /// Finds the cliques from the involved slots up to the roots, and the slots they eliminate.
     fn mark(&mut self, involved: &[u32]) {
         let Scratch { marked, is_marked, affected, local, .. } = &mut self.scratch;
@@ -163,7 +211,7 @@ impl<const N: usize> Tree<N> {
 
     /// Gives the elimination its elements: factors between affected slots, and the orphans.
     fn list_parts(&mut self, factors: &Factors<'_>) {
-        let Self { cliques, scratch, .. } = self;
+        let Self { cliques, orphans, scratch, .. } = self;
         let Scratch { elimination, marked, is_marked, affected, local, parts, seen, .. } = scratch;
         elimination.clear();
         parts.clear();
@@ -179,14 +227,11 @@ impl<const N: usize> Tree<N> {
                 }
             }
         }
-        for clique in marked.iter() {
-            for child in &cliques[*clique as usize].children {
-                if !is_marked[*child as usize] {
-                    let orphan = &cliques[*child as usize];
-                    elimination.push(orphan.slots[orphan.eliminated..].iter().map(|s| local[*s as usize]));
-                    parts.push(Part::Orphan(*child));
-                }
-            }
+        let children = marked.iter().flat_map(|clique| &cliques[*clique as usize].children);
+        for child in children.chain(orphans.iter()).filter(|child| !is_marked[**child as usize]) {
+            let orphan = &cliques[*child as usize];
+            elimination.push(orphan.slots[orphan.eliminated..].iter().map(|s| local[*s as usize]));
+            parts.push(Part::Orphan(*child));
         }
         for part in parts.iter() {
             if let Part::Factor(factor) = part {
@@ -243,8 +288,9 @@ impl<const N: usize> Tree<N> {
 
     /// Puts the new fronts in the place of the marked cliques.
     fn replace(&mut self) {
-        let Self { cliques, unused, home, fresh, scratch, .. } = self;
+        let Self { cliques, unused, home, orphans, fresh, scratch, .. } = self;
         let Scratch { elimination, marked, affected, parts, fronts, pool, .. } = scratch;
+        orphans.clear();
         for id in marked.iter() {
             let clique = &mut cliques[*id as usize];
             pool.push(std::mem::take(&mut clique.values));
