@@ -5,8 +5,8 @@ use nalgebra::{Isometry2, Isometry3, Matrix2, Rotation2, Rotation3, SMatrix, SVe
 use nalgebra::{Translation, UnitComplex, UnitQuaternion};
 
 use crate::certify::{Certificate, Parts, certify_parts, factors, parts2, parts3};
+use crate::key_table::KeyTable;
 use crate::nearest_rotation::nearest_rotation;
-use crate::slot_table::SlotTable;
 use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
 use crate::staircase::{StaircaseParams, StaircaseSolution, climb};
 use crate::{CustomFactor, Error, Measurement, PoseGraph};
@@ -182,7 +182,7 @@ fn edges<const N: usize, const D: usize, G: LieGroup<N>>(
     edge: impl Fn(&G, &SMatrix<f64, N, N>) -> Edge<D>,
 ) -> Result<Vec<Edge<D>>, Error> {
     let mut edges = Vec::with_capacity(graph.factor_count());
-    let table = SlotTable::new(graph);
+    let table = KeyTable::new(graph);
     for (_, factor) in graph.factors() {
         if let Measurement::Between { from, to, measured } = &factor.measurement {
             let slots = [table.slot(*from)?, table.slot(*to)?];

@@ -3,8 +3,8 @@ use std::sync::Arc;
 use draco_lie::LieGroup;
 use nalgebra::{SMatrix, SVector};
 
+use crate::key_table::KeyTable;
 use crate::linearise::{BetweenModel, between_model, prior_model, quadratic};
-use crate::slot_table::SlotTable;
 use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
 use crate::{CustomFactor, Error, Factor, FactorId, Kernel, Key, Measurement, PoseGraph};
 
@@ -144,7 +144,7 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
 
     fn take_factors(&mut self, graph: &PoseGraph<G, N>) -> Result<(), Error> {
         let unset = Pair { index: HELD, transpose: false };
-        let slots = SlotTable::new(graph);
+        let slots = KeyTable::new(graph);
         for (id, factor) in graph.shared_factors() {
             let (information, kernel) = (factor.information, factor.kernel);
             match &factor.measurement {

@@ -5,13 +5,13 @@ use draco_lie::LieGroup;
 use crate::{Error, Key, PoseGraph};
 
 /// Finds the slots of many keys: where a robot's indices leave few gaps, by one look into a table.
-pub(crate) struct SlotTable<'a> {
+pub(crate) struct KeyTable<'a> {
     slots: &'a BTreeMap<Key, u32>,
-    /// Robot, its first index, and the slots of the indices from there on, or [`SlotTable::GAP`].
+    /// Robot, its first index, and the slots of the indices from there on, or [`KeyTable::GAP`].
     robots: Vec<(u32, u64, Vec<u32>)>,
 }
 
-impl<'a> SlotTable<'a> {
+impl<'a> KeyTable<'a> {
     const GAP: u32 = u32::MAX;
 
     pub(crate) fn new<const N: usize, G: LieGroup<N>>(graph: &'a PoseGraph<G, N>) -> Self {
@@ -59,7 +59,7 @@ mod tests {
         for key in [5, 0, 70_000].iter().flat_map(|robot| indices.map(|index| Key::new(*robot, index))) {
             graph.add_pose(key, Isometry2::identity()).unwrap();
         }
-        let table = SlotTable::new(&graph);
+        let table = KeyTable::new(&graph);
         for robot in [0, 1, 5, 70_000] {
             for index in (0..120).chain(indices).chain([(1 << 40) + 2]) {
                 let key = Key::new(robot, index);
