@@ -2,23 +2,33 @@
 //!
 //! Without arguments: a ring of poses, from a good and a wound start, and the staircase out of the valley.
 //! `certify FILE.g2o...`: each file's certified optimum of the chordal objective from the chordal start, one JSON line
-//! each, with the CPU time of the certificate, of the chordal start and of a Gauss-Newton iteration.
+//! each, with the CPU time of the search for it, of the certificate, of the chordal start and of a Gauss-Newton
+//! iteration. `certify --random SEED FILE.g2o...`: the staircase from poses drawn at random instead, and where descent
+//! alone ends from there.
 
 use draco_pgo::io::g2o::{self, AnyGraph};
 use draco_pgo::{
     ChordalPose, Error, Kernel, Key, Method, PoseGraph, PoseGraph2, SolveParams, StaircaseParams, Start,
     certify, chordal, chordal_objective, solve, staircase,
 };
-use nalgebra::{Isometry2, Matrix3, Vector2};
+use nalgebra::{Isometry2, Matrix3, SVector, Vector2};
+use rand::{RngExt, SeedableRng};
 
 const POSES: u64 = 20;
 
 fn main() -> Result<(), Error> {
-    let files: Vec<String> = std::env::args().skip(1).collect();
+    let mut files: Vec<String> = std::env::args().skip(1).collect();
+    let seed = if files.first().is_some_and(|first| first == "--random") {
+        files.drain(..2.min(files.len())).nth(1).and_then(|seed| seed.parse::<u64>().ok())
+    } else {
+        None
+    };
     for file in &files {
-        match g2o::read(file)? {
-            AnyGraph::Two(graph) => measure(graph, file)?,
-            AnyGraph::Three(graph) => measure(graph, file)?,
+        match (g2o::read(file)?, seed) {
+            (AnyGraph::Two(graph), None) => measure(graph, file)?,
+            (AnyGraph::Three(graph), None) => measure(graph, file)?,
+            (AnyGraph::Two(graph), Some(seed)) => climb(graph, file, seed)?,
+            (AnyGraph::Three(graph), Some(seed)) => climb(graph, file, seed)?,
         }
     }
     if files.is_empty() { rings() } else { Ok(()) }
@@ -54,7 +64,9 @@ fn measure<const N: usize, G: ChordalPose<N>>(mut graph: PoseGraph<G, N>, file: 
     let mut start = graph.clone();
     let chordal_ms = time(|| chordal(&mut start))?;
     chordal(&mut graph)?;
+    let begin = cpu_ms();
     let found = staircase(&graph, &StaircaseParams::default())?;
+    let search_ms = cpu_ms() - begin;
     graph.update(&found.solution);
     let certify_ms = time(|| certify(&graph).map(drop))?;
     let steps = |count| SolveParams {
@@ -70,7 +82,7 @@ fn measure<const N: usize, G: ChordalPose<N>>(mut graph: PoseGraph<G, N>, file: 
     let certificate = found.certificate;
     println!(
         "{{\"file\":{file:?},\"objective\":{},\"slack\":{},\"gap\":{},\"rank\":{},\"steps\":{},\
-         \"certify_ms\":{certify_ms:.2},\"chordal_ms\":{chordal_ms:.2},\"first_iteration_ms\":{one:.2},\
+         \"search_ms\":{search_ms:.1},\"certify_ms\":{certify_ms:.2},\"chordal_ms\":{chordal_ms:.2},\"first_iteration_ms\":{one:.2},\
          \"iteration_ms\":{:.2}}}",
         certificate.objective,
         certificate.slack.map_or("null".into(), |x| format!("{x:e}")),
@@ -78,6 +90,37 @@ fn measure<const N: usize, G: ChordalPose<N>>(mut graph: PoseGraph<G, N>, file: 
         found.rank,
         found.solution.iterations,
         (nine - one) / 8.0,
+    );
+    Ok(())
+}
+
+fn climb<const N: usize, G: ChordalPose<N>>(
+    mut graph: PoseGraph<G, N>,
+    file: &str,
+    seed: u64,
+) -> Result<(), Error> {
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+    let keys: Vec<Key> = graph.poses().map(|(key, _)| key).collect();
+    for key in keys {
+        let xi = SVector::<f64, N>::from_fn(|_, _| rng.random_range(-3.0..3.0));
+        graph.set_pose(key, G::exp(&xi))?;
+    }
+    let begin = cpu_ms();
+    let flat = StaircaseParams { max_rank: 0, ..StaircaseParams::default() };
+    let valley = staircase(&graph, &flat)?;
+    let middle = cpu_ms();
+    let top = staircase(&graph, &StaircaseParams::default())?;
+    println!(
+        "{{\"file\":{file:?},\"seed\":{seed},\"valley\":{},\"valley_certified\":{},\"valley_ms\":{:.0},\
+         \"objective\":{},\"certified\":{},\"rank\":{},\"steps\":{},\"climb_ms\":{:.0}}}",
+        valley.certificate.objective,
+        valley.certificate.slack.is_some(),
+        middle - begin,
+        top.certificate.objective,
+        top.certificate.slack.is_some(),
+        top.rank,
+        top.solution.iterations,
+        cpu_ms() - middle,
     );
     Ok(())
 }

@@ -124,7 +124,7 @@ pub(crate) fn certify_parts<const D: usize, const M: usize>(
     certify_parts_with(&mut Dual::<D, M>::new(edges, poses.len()), edges, poses)
 }
 
-/// The same with the matrix of the objective given.
+/// The same with the matrix of the objective given, which is lost.
 pub(crate) fn certify_parts_with<const D: usize, const M: usize>(
     dual: &mut Dual<D, M>,
     edges: &[Edge<D>],
@@ -137,7 +137,7 @@ pub(crate) fn certify_parts_with<const D: usize, const M: usize>(
     let multipliers = problem.multipliers(&point, &product);
     problem.project(&point, &mut product);
     let stationarity = product.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-    let matrix = dual.certificate_matrix(&multipliers);
+    let matrix = dual.turn_into_certificate_matrix(&multipliers);
     let slack = dual.slack(&matrix, f64::INFINITY);
     let gap = slack.map(|slack| dual.gap(slack));
     Certificate { objective: problem.cost(&point), slack, gap, stationarity }
@@ -162,21 +162,30 @@ const PRECONDITIONER_SHIFT: f64 = 1e-9;
 impl<const D: usize, const M: usize> Dual<D, M> {
     pub(crate) fn new(edges: &[Edge<D>], nodes: usize) -> Self {
         let zero = SMatrix::<f64, M, M>::zeros();
-        let mut pairs: Vec<(u32, u32)> =
-            edges.iter().map(|e| (e.slots[0].max(e.slots[1]), e.slots[0].min(e.slots[1]))).collect();
-        pairs.sort_unstable();
-        pairs.dedup();
+        let mut sorted: Vec<(u32, u32, u32)> = Vec::with_capacity(edges.len());
+        for (index, edge) in edges.iter().enumerate() {
+            let [i, j] = edge.slots;
+            sorted.push((i.max(j), i.min(j), index as u32));
+        }
+        sorted.sort_unstable();
+        let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(edges.len());
         let mut objective =
-            BlockMatrix { diagonal: vec![zero; nodes], off_diagonal: vec![zero; pairs.len()] };
+            BlockMatrix { diagonal: vec![zero; nodes], off_diagonal: Vec::with_capacity(edges.len()) };
         let mut group: Vec<u32> = (0..nodes as u32).collect();
-        for edge in edges {
+        for (row, column, index) in sorted {
+            let edge = &edges[index as usize];
             let [i, j] = edge.slots;
             crate::graph::union(&mut group, i, j);
             let (at_i, at_j, mixed) = connection::<D, M>(edge);
             objective.diagonal[i as usize] += at_i;
             objective.diagonal[j as usize] += at_j;
-            if let Ok(pair) = pairs.binary_search(&(i.max(j), i.min(j))) {
-                objective.off_diagonal[pair] += if j > i { mixed } else { mixed.transpose() };
+            let mixed = if j > i { mixed } else { mixed.transpose() };
+            match objective.off_diagonal.last_mut() {
+                Some(block) if pairs.last() == Some(&(row, column)) => *block += mixed,
+                _ => {
+                    pairs.push((row, column));
+                    objective.off_diagonal.push(mixed);
+                }
             }
         }
         let mut pins = vec![SVector::zeros(); nodes];
@@ -188,6 +197,20 @@ impl<const D: usize, const M: usize> Dual<D, M> {
         let symbolic = Arc::new(Symbolic::new(nodes, &pairs, M));
         let cholesky = Cholesky::<M>::new(symbolic, &pairs);
         Self { shift: pins.clone(), pairs, objective, cholesky, pins }
+    }
+
+    pub(crate) fn nodes(&self) -> usize {
+        self.pins.len()
+    }
+
+    /// Whether each node is the pinned one of its connected part.
+    pub(crate) fn pinned(&self) -> impl Iterator<Item = bool> + '_ {
+        self.pins.iter().map(|pin| pin[D] > 0.0)
+    }
+
+    /// The diagonal block of `Q` at a node.
+    pub(crate) fn objective_block(&self, node: usize) -> &SMatrix<f64, M, M> {
+        &self.objective.diagonal[node]
     }
 
     /// A factor of `Q`, slightly shifted.
@@ -204,10 +227,15 @@ impl<const D: usize, const M: usize> Dual<D, M> {
     /// `Q - Λ`.
     pub(crate) fn certificate_matrix(&self, multipliers: &[SMatrix<f64, D, D>]) -> BlockMatrix<M> {
         let mut matrix = self.objective.clone();
-        for (block, multiplier) in matrix.diagonal.iter_mut().zip(multipliers) {
-            let mut rotation = block.fixed_view_mut::<D, D>(0, 0);
-            rotation -= multiplier;
-        }
+        subtract(&mut matrix, multipliers);
+        matrix
+    }
+
+    /// The same in the memory of `Q`, which is lost.
+    fn turn_into_certificate_matrix(&mut self, multipliers: &[SMatrix<f64, D, D>]) -> BlockMatrix<M> {
+        let nothing = BlockMatrix { diagonal: Vec::new(), off_diagonal: Vec::new() };
+        let mut matrix = std::mem::replace(&mut self.objective, nothing);
+        subtract(&mut matrix, multipliers);
         matrix
     }
 
@@ -246,6 +274,13 @@ impl<const D: usize, const M: usize> Dual<D, M> {
     /// How far the objective can be from the optimum: each rotation has squared norm `D`.
     pub(crate) fn gap(&self, slack: f64) -> f64 {
         slack * (self.pins.len() * D) as f64
+    }
+}
+
+fn subtract<const D: usize, const M: usize>(matrix: &mut BlockMatrix<M>, multipliers: &[SMatrix<f64, D, D>]) {
+    for (block, multiplier) in matrix.diagonal.iter_mut().zip(multipliers) {
+        let mut rotation = block.fixed_view_mut::<D, D>(0, 0);
+        rotation -= multiplier;
     }
 }
 

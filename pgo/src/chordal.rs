@@ -1,10 +1,12 @@
 use std::sync::Arc;
 
 use draco_lie::LieGroup;
-use nalgebra::{Isometry2, Isometry3, Matrix2, Matrix3, Rotation2, Rotation3, SMatrix, SVector};
+use nalgebra::{Isometry2, Isometry3, Matrix2, Rotation2, Rotation3, SMatrix, SVector};
 use nalgebra::{Translation, UnitComplex, UnitQuaternion};
 
 use crate::certify::{Certificate, Parts, certify_parts, factors, parts2, parts3};
+use crate::key_table::KeyTable;
+use crate::nearest_rotation::nearest_rotation;
 use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
 use crate::staircase::{StaircaseParams, StaircaseSolution, climb};
 use crate::{CustomFactor, Error, Measurement, PoseGraph};
@@ -82,7 +84,7 @@ impl ChordalPose<3> for Isometry2<f64> {
         params: &StaircaseParams,
     ) -> Result<StaircaseSolution<Self>, Error> {
         let (edges, start) = (edges2(graph)?, graph.poses.iter().map(parts2).collect::<Vec<_>>());
-        let climb = climb::<2, 3>(&edges, &start, params)
+        let climb = climb::<2, 3, 3>(&edges, &start, params)
             .map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?;
         let poses = climb.poses.iter().map(pose2).collect();
         Ok(climb.into_solution(graph, &edges, poses))
@@ -93,7 +95,7 @@ impl ChordalPose<6> for Isometry3<f64> {
     fn relax(graph: &PoseGraph<Self, 6>) -> Result<Vec<Self>, Error> {
         let edges = edges3(graph)?;
         let start: Vec<Start<3>> = starts(graph, &edges, parts3);
-        let relaxed = relax(graph, &edges, &start, project3)?;
+        let relaxed = relax(graph, &edges, &start, nearest_rotation)?;
         Ok(relaxed.iter().map(pose3).collect())
     }
 
@@ -111,7 +113,7 @@ impl ChordalPose<6> for Isometry3<f64> {
         params: &StaircaseParams,
     ) -> Result<StaircaseSolution<Self>, Error> {
         let (edges, start) = (edges3(graph)?, graph.poses.iter().map(parts3).collect::<Vec<_>>());
-        let climb = climb::<3, 4>(&edges, &start, params)
+        let climb = climb::<3, 4, 6>(&edges, &start, params)
             .map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?;
         let poses = climb.poses.iter().map(pose3).collect();
         Ok(climb.into_solution(graph, &edges, poses))
@@ -148,19 +150,6 @@ fn edges3(graph: &PoseGraph<Isometry3<f64>, 6>) -> Result<Vec<Edge<3>>, Error> {
     })
 }
 
-/// The nearest rotation in the Frobenius norm.
-pub(crate) fn project3(m: &Matrix3<f64>) -> Matrix3<f64> {
-    let svd = m.svd(true, true);
-    let (Some(u), Some(vt)) = (svd.u, svd.v_t) else { return Matrix3::identity() };
-    let mut sign = Matrix3::identity();
-    if (u * vt).determinant() < 0.0 {
-        // singular values are not sorted here: the smallest one's direction is the one to turn over
-        let least = svd.singular_values.imin();
-        sign[(least, least)] = -1.0;
-    }
-    u * sign * vt
-}
-
 /// `D / tr(Ω⁻¹)`: the isotropic information with the same total variance.
 fn harmonic<const D: usize>(information: &SMatrix<f64, D, D>) -> f64 {
     information.cholesky().map_or(0.0, |c| D as f64 / c.inverse().trace())
@@ -193,9 +182,10 @@ fn edges<const N: usize, const D: usize, G: LieGroup<N>>(
     edge: impl Fn(&G, &SMatrix<f64, N, N>) -> Edge<D>,
 ) -> Result<Vec<Edge<D>>, Error> {
     let mut edges = Vec::with_capacity(graph.factor_count());
+    let table = KeyTable::new(graph);
     for (_, factor) in graph.factors() {
         if let Measurement::Between { from, to, measured } = &factor.measurement {
-            let slots = [graph.slot(*from)? as u32, graph.slot(*to)? as u32];
+            let slots = [table.slot(*from)?, table.slot(*to)?];
             edges.push(Edge { slots, ..edge(measured, &factor.information) });
         }
     }
@@ -260,7 +250,7 @@ fn relax<const N: usize, const D: usize, G: LieGroup<N>>(
     if pattern.slots.is_empty() {
         return Ok(poses);
     }
-    let symbolic = Arc::new(Symbolic::new(pattern.slots.len(), &pattern.pairs, D));
+    let symbolic = Arc::new(Symbolic::new(pattern.slots.len(), &pattern.pairs, N));
     let failed = |c: usize| Error::Indefinite { key: graph.keys[pattern.slots[c] as usize] };
     for (slot, y) in pattern.slots.iter().zip(rotations(&pattern, edges, start, &symbolic).map_err(failed)?) {
         poses[*slot as usize].0 = project(&y.transpose());
@@ -289,20 +279,22 @@ impl Layout {
         for (column, slot) in slots.iter().enumerate() {
             columns[*slot as usize] = column as u32;
         }
-        let mut wanted: Vec<(u32, u32, usize)> = Vec::with_capacity(edges.len());
+        let mut wanted: Vec<(u64, u32)> = Vec::with_capacity(edges.len());
         for (index, edge) in edges.iter().enumerate() {
             let [a, b] = edge.slots.map(|s| columns[s as usize]);
             if a != u32::MAX && b != u32::MAX {
-                wanted.push((a.max(b), a.min(b), index));
+                wanted.push(((u64::from(a.max(b)) << 32) | u64::from(a.min(b)), index as u32));
             }
         }
         wanted.sort_unstable();
-        let (mut pairs, mut pair_of) = (Vec::new(), vec![None; edges.len()]);
-        for (row, column, index) in wanted {
-            if pairs.last() != Some(&(row, column)) {
-                pairs.push((row, column));
+        let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(wanted.len());
+        let mut pair_of = vec![None; edges.len()];
+        for (code, index) in wanted {
+            let pair = ((code >> 32) as u32, code as u32);
+            if pairs.last() != Some(&pair) {
+                pairs.push(pair);
             }
-            pair_of[index] = Some(pairs.len() as u32 - 1);
+            pair_of[index as usize] = Some(pairs.len() as u32 - 1);
         }
         Self { columns, slots, pairs, pair_of }
     }
@@ -346,13 +338,19 @@ fn rotations<const D: usize>(
     let mut cholesky = Cholesky::<D>::new(symbolic.clone(), &layout.pairs);
     cholesky.factor(&hessian, None)?;
     let mut column = vec![SVector::<f64, D>::zeros(); n];
-    for c in 0..D {
+    // in the plane all blocks are multiples of rotations, so the second column is the first one turned
+    for c in 0..if D == 2 { 1 } else { D } {
         for (x, block) in column.iter_mut().zip(&rhs) {
             *x = block.column(c).into_owned();
         }
         cholesky.solve(&mut column);
         for (x, block) in column.iter().zip(&mut rhs) {
             block.set_column(c, x);
+        }
+    }
+    if D == 2 {
+        for block in &mut rhs {
+            (block[(0, 1)], block[(1, 1)]) = (-block[(1, 0)], block[(0, 0)]);
         }
     }
     Ok(rhs)

@@ -16,7 +16,8 @@ pub struct PoseGraph<G, const N: usize> {
     pub(crate) poses: Vec<G>,
     pub(crate) fixed: Vec<bool>,
     pub(crate) slots: BTreeMap<Key, u32>,
-    pub(crate) factors: Vec<Option<Factor<G, N>>>,
+    /// Shared with copies of the graph and with solvers.
+    pub(crate) factors: Vec<Option<Arc<Factor<G, N>>>>,
     live_factors: usize,
 }
 
@@ -149,7 +150,7 @@ impl<const N: usize, G: LieGroup<N>> PoseGraph<G, N> {
     }
 
     pub(crate) fn push(&mut self, factor: Factor<G, N>) -> FactorId {
-        self.factors.push(Some(factor));
+        self.factors.push(Some(Arc::new(factor)));
         self.live_factors += 1;
         FactorId(self.factors.len() - 1)
     }
@@ -161,13 +162,13 @@ impl<const N: usize, G: LieGroup<N>> PoseGraph<G, N> {
     pub fn remove_factor(&mut self, id: FactorId) -> Result<Factor<G, N>, Error> {
         let removed = self.factors.get_mut(id.0).and_then(Option::take);
         self.live_factors -= usize::from(removed.is_some());
-        removed.ok_or(Error::UnknownFactor { factor: id })
+        removed.map(Arc::unwrap_or_clone).ok_or(Error::UnknownFactor { factor: id })
     }
 
     /// Puts a factor that was taken out back in its place.
     pub(crate) fn restore_factor(&mut self, id: FactorId, factor: Factor<G, N>) {
         if let Some(place @ None) = self.factors.get_mut(id.0) {
-            *place = Some(factor);
+            *place = Some(Arc::new(factor));
             self.live_factors += 1;
         }
     }
@@ -226,7 +227,7 @@ impl<const N: usize, G: LieGroup<N>> PoseGraph<G, N> {
         if let Some(key) = factor.keys().first() {
             check_kernel(kernel, *key)?;
         }
-        factor.kernel = kernel;
+        Arc::make_mut(factor).kernel = kernel;
         Ok(())
     }
 
@@ -242,11 +243,15 @@ impl<const N: usize, G: LieGroup<N>> PoseGraph<G, N> {
 
     /// One factor.
     pub fn factor(&self, id: FactorId) -> Option<&Factor<G, N>> {
-        self.factors.get(id.0).and_then(Option::as_ref)
+        self.factors.get(id.0).and_then(Option::as_deref)
     }
 
     /// All factors in the order they were added.
     pub fn factors(&self) -> impl Iterator<Item = (FactorId, &Factor<G, N>)> {
+        self.shared_factors().map(|(id, factor)| (id, factor.as_ref()))
+    }
+
+    pub(crate) fn shared_factors(&self) -> impl Iterator<Item = (FactorId, &Arc<Factor<G, N>>)> {
         self.factors.iter().enumerate().filter_map(|(i, f)| f.as_ref().map(|f| (FactorId(i), f)))
     }
 

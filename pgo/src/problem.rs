@@ -3,9 +3,10 @@ use std::sync::Arc;
 use draco_lie::LieGroup;
 use nalgebra::{SMatrix, SVector};
 
+use crate::key_table::KeyTable;
 use crate::linearise::{BetweenModel, between_model, prior_model, quadratic};
 use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
-use crate::{CustomFactor, Error, FactorId, Kernel, Key, Measurement, PoseGraph};
+use crate::{CustomFactor, Error, Factor, FactorId, Kernel, Key, Measurement, PoseGraph};
 
 /// Column of a pose that does not move.
 pub(crate) const HELD: u32 = u32::MAX;
@@ -25,16 +26,31 @@ struct Between<G, const N: usize> {
     /// Multiplies the cost; 1 but for graduated non-convexity.
     scale: f64,
     pair: Pair,
-    kernel: Kernel,
-    measured: G,
-    information: SMatrix<f64, N, N>,
+    /// The graph's own factor, a relative pose.
+    factor: Arc<Factor<G, N>>,
 }
 
 impl<const N: usize, G: LieGroup<N>> Between<G, N> {
+    /// The relative pose measured.
+    #[inline(always)]
+    fn measured(&self) -> G {
+        match &self.factor.measurement {
+            Measurement::Between { measured, .. } => *measured,
+            _ => G::identity(),
+        }
+    }
+
     #[inline(always)]
     fn model(&self, poses: &[G]) -> BetweenModel<N> {
         let [a, b] = self.slots.map(|s| &poses[s as usize]);
-        between_model(&self.measured, &self.information, self.kernel, a, b)
+        between_model(&self.measured(), &self.factor.information, self.factor.kernel, a, b)
+    }
+
+    /// The kernel's cost at `poses`.
+    fn cost(&self, poses: &[G]) -> f64 {
+        let [a, b] = self.slots.map(|s| &poses[s as usize]);
+        let e = self.measured().between(&a.between(b)).log();
+        self.factor.kernel.weigh(quadratic(&self.factor.information, &e)).rho
     }
 }
 
@@ -128,26 +144,22 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
 
     fn take_factors(&mut self, graph: &PoseGraph<G, N>) -> Result<(), Error> {
         let unset = Pair { index: HELD, transpose: false };
-        for (id, factor) in graph.factors() {
+        let slots = KeyTable::new(graph);
+        for (id, factor) in graph.shared_factors() {
             let (information, kernel) = (factor.information, factor.kernel);
             match &factor.measurement {
                 Measurement::Prior { key, measured } => {
-                    let slot = graph.slot(*key)? as u32;
+                    let slot = slots.slot(*key)?;
                     self.priors.push(Prior { slot, kernel, measured: *measured, information });
                 }
-                Measurement::Between { from, to, measured } => {
-                    let slots = [graph.slot(*from)? as u32, graph.slot(*to)? as u32];
-                    let measured = *measured;
-                    let scale = 1.0;
-                    let between = Between { id, slots, scale, pair: unset, kernel, measured, information };
-                    self.betweens.push(between);
+                Measurement::Between { from, to, .. } => {
+                    let slots = [slots.slot(*from)?, slots.slot(*to)?];
+                    let factor = factor.clone();
+                    self.betweens.push(Between { id, slots, scale: 1.0, pair: unset, factor });
                 }
                 Measurement::Custom(custom) => {
                     let keys = custom.keys();
-                    let slots = keys
-                        .iter()
-                        .map(|k| Ok(graph.slot(*k)? as u32))
-                        .collect::<Result<Vec<u32>, Error>>()?;
+                    let slots = keys.iter().map(|k| slots.slot(*k)).collect::<Result<Vec<u32>, Error>>()?;
                     let pairs = vec![unset; slots.len() * (slots.len() - 1) / 2];
                     let (m, k) = (custom.dimension(), slots.len());
                     self.customs.push(Custom {
@@ -223,8 +235,7 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
     pub(crate) fn cost(&mut self, poses: &[G]) -> f64 {
         let mut sum = 0.0;
         for f in &self.betweens {
-            let e = between_residual(f, poses);
-            sum += f.scale * f.kernel.weigh(quadratic(&f.information, &e)).rho;
+            sum += f.scale * f.cost(poses);
         }
         for f in &self.priors {
             let e = f.measured.between(&poses[f.slot as usize]).log();
@@ -272,11 +283,6 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
         }
         0.5 * sum
     }
-}
-
-fn between_residual<const N: usize, G: LieGroup<N>>(f: &Between<G, N>, poses: &[G]) -> SVector<f64, N> {
-    let [a, b] = f.slots.map(|s| &poses[s as usize]);
-    f.measured.between(&a.between(b)).log()
 }
 
 /// Adds one relative pose.

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 
 use super::text;
 use crate::Error;
-use crate::chordal::project3;
+use crate::nearest_rotation::nearest_rotation;
 
 /// Largest deviation of a matrix in a file from the nearest rotation, in any entry: files hold six digits or more.
 const ROTATION_TOLERANCE: f64 = 1e-4;
@@ -38,7 +38,7 @@ pub fn parse(text: &str) -> Result<Vec<Isometry3<f64>>, Error> {
         if matrix.amax() > 1.0 + ROTATION_TOLERANCE {
             return Err("the left three columns are not a rotation matrix".into());
         }
-        let rotation = project3(&matrix);
+        let rotation = nearest_rotation(&matrix);
         if (rotation - matrix).amax() > ROTATION_TOLERANCE {
             return Err("the left three columns are not a rotation matrix".into());
         }

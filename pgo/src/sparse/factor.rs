@@ -225,16 +225,45 @@ pub(super) fn subtract<const N: usize>(
             row_offsets[k * N + i] = at * N as u32 + i as u32;
         }
     }
-    for column in from..until {
-        // rows `from..until` map to the target's own columns, so a row's place is also its column
-        let target_column = map[column - from] as usize * N;
+    let piece = Piece { source, height, depth, from, map, row_offsets, target_height };
+    let mut column = from;
+    if N < 3 {
+        // narrow blocks are taken together; what this adds above the diagonal is never read
+        while column + 4 / N <= until {
+            piece.subtract::<N, 4>(column, target);
+            column += 4 / N;
+        }
+    }
+    while column < until {
+        piece.subtract::<N, N>(column, target);
+        column += 1;
+    }
+}
+
+/// One run of rows of a source on their way to a target.
+struct Piece<'a> {
+    source: &'a [f64],
+    height: usize,
+    depth: usize,
+    from: usize,
+    map: &'a [u32],
+    row_offsets: &'a [u32],
+    target_height: usize,
+}
+
+impl Piece<'_> {
+    /// Subtracts what goes to `WIDTH` scalar columns, a multiple of `N`, from block column `column` of the source on.
+    #[inline(always)]
+    fn subtract<const N: usize, const WIDTH: usize>(&self, column: usize, target: &mut [f64]) {
         let mut row = column * N;
-        while row < height {
-            let sum = tile::<TILE, N>(source, height, (row, column * N), depth);
-            let count = TILE.min(height - row);
-            let offsets = &row_offsets[row - from * N..][..count];
+        while row < self.height {
+            let sum = tile::<TILE, WIDTH>(self.source, self.height, (row, column * N), self.depth);
+            let count = TILE.min(self.height - row);
+            let offsets = &self.row_offsets[row - self.from * N..][..count];
             for (j, sums) in sum.iter().enumerate() {
-                let column = &mut target[(target_column + j) * target_height..][..target_height];
+                // rows `from..until` map to the target's own columns, so a row's place is also its column
+                let at = self.map[column - self.from + j / N] as usize * N + j % N;
+                let column = &mut target[at * self.target_height..][..self.target_height];
                 for (offset, x) in offsets.iter().zip(sums) {
                     column[*offset as usize] -= x;
                 }

@@ -1,9 +1,10 @@
 //! Sparse Cholesky factorisation of symmetric matrices of `N × N` blocks.
 
+mod bucket_queue;
 pub(crate) mod dense;
 mod factor;
 mod inverse;
-mod ordering;
+mod minimum_fill;
 #[cfg(feature = "rayon")]
 mod parallel;
 mod symbolic;

@@ -1,4 +1,4 @@
-use super::ordering::minimum_degree;
+use super::minimum_fill::minimum_fill;
 
 const NONE: u32 = u32::MAX;
 
@@ -39,9 +39,9 @@ impl Symbolic {
     /// Orders and analyses a symmetric pattern with `columns` block columns.
     ///
     /// * `pairs` – the off-diagonal blocks, each once, in any orientation.
-    /// * `block` – scalars a block is wide; decides how much padding a wider supernode is worth.
+    /// * `block` – scalars a block is wide; decides how much padding a wider supernode is worth and how wide it may be.
     pub(crate) fn new(columns: usize, pairs: &[(u32, u32)], block: usize) -> Self {
-        Self::with_order(minimum_degree(columns, pairs), pairs, block)
+        Self::with_order(minimum_fill(columns, pairs), pairs, block)
     }
 
     /// The same with a given elimination order, which is refined by a postorder of the elimination tree.
@@ -328,7 +328,8 @@ struct Supernode {
 /// Fundamental supernodes, merged with their parent while that adds few zeros.
 ///
 /// The thresholds are those of Chen, Davis, Hager, Rajamanickam, *Algorithm 887: CHOLMOD*, 2008, section 2.3,
-/// on scalar widths.
+/// on scalar widths, but for a lower one at small widths of large blocks, which are work enough for the kernels by
+/// themselves, and whose zeros cost memory.
 fn supernodes(columns: &Structures, parent: &[u32], block: usize) -> Vec<Supernode> {
     let n = columns.span.len() as u32;
     let mut nodes: Vec<Supernode> = Vec::new();
@@ -354,7 +355,19 @@ fn supernodes(columns: &Structures, parent: &[u32], block: usize) -> Vec<Superno
         }
         nodes.push(node);
     }
-    nodes
+    nodes.iter().flat_map(|node| slices(node, (WIDEST / block).max(1) as u32)).collect()
+}
+
+/// Scalar columns of the widest supernode. A panel stores the whole square on its diagonal, so cutting a wide one
+/// saves memory; cut panels are still wide enough for the kernels, and lie in the cache.
+const WIDEST: usize = 72;
+
+/// Cuts a supernode into slices of about equal width.
+fn slices(node: &Supernode, widest: u32) -> impl Iterator<Item = Supernode> + use<> {
+    let (first, width) = (node.first, node.last - node.first + 1);
+    let count = width.div_ceil(widest);
+    let (begin, zeros) = (move |k| first + k * width / count, node.zeros);
+    (0..count).map(move |k| Supernode { first: begin(k), last: begin(k + 1) - 1, zeros })
 }
 
 /// Zeros of the merged supernode, if they are few enough.
@@ -369,6 +382,7 @@ fn worth_merging(child: &Supernode, node: &Supernode, columns: &Structures, bloc
     let fraction = zeros as f64 / size as f64;
     let limit = match merged * block {
         0..=4 => 1.0,
+        5..=16 if block > 3 => 0.2,
         5..=16 => 0.5,
         17..=48 => 0.1,
         _ => 0.05,

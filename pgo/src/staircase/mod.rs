@@ -1,5 +1,5 @@
 use draco_lie::LieGroup;
-use nalgebra::{DMatrix, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 
 use crate::certify::{Dual, Parts};
 use crate::chordal::{ChordalPose, Edge};
@@ -8,10 +8,14 @@ use crate::{Certificate, Error, PoseGraph, Solution, Termination};
 
 mod escape;
 pub(crate) mod lifted;
+mod newton;
+mod round;
 mod trust_region;
 
 use lifted::{Lifted, Point};
-use trust_region::{Limits, TrustRegion};
+use newton::Newton;
+use round::round;
+use trust_region::TrustRegion;
 
 /// Parameters of [`staircase()`].
 #[derive(Debug, Clone, PartialEq)]
@@ -67,7 +71,8 @@ pub struct StaircaseSolution<G> {
 ///
 /// **Source**: Boumal, *A Riemannian low-rank method for optimization over semidefinite matrices with
 /// block-diagonal constraints*, 2015, algorithm 1; Rosen, Carlone, Bandeira, Leonard, *SE-Sync*, 2019. We keep the
-/// translations as variables and find the direction by inverse iteration.
+/// translations as variables, find the direction by inverse iteration, and descend by Newton's method where the rank is
+/// the dimension of space, by conjugate gradients in a trust region above.
 ///
 /// # Errors
 /// [`Error::EmptyGraph`], [`Error::Parameter`]; [`Error::Indefinite`] when rounding defeats the factorisation.
@@ -87,6 +92,28 @@ pub fn staircase<const N: usize, G: ChordalPose<N>>(
     }
     G::staircase(graph, params)
 }
+
+/// Limits of one descent.
+#[derive(Debug, Clone, Copy)]
+struct Limits {
+    iterations: usize,
+    inner_iterations: usize,
+    /// Stop when the gain that a Newton step promises is below this fraction of the objective.
+    relative_tolerance: f64,
+}
+
+/// Where a descent ended.
+struct Descent {
+    point: Point,
+    cost: f64,
+    iterations: usize,
+    converged: bool,
+}
+
+/// Gains below this fraction of the objective drown in rounding and count as predicted.
+const ROUNDING: f64 = 1e-13;
+/// Objectives below this are zero but for rounding.
+const NOTHING: f64 = 1e-20;
 
 /// The staircase for poses given as rotations and translations.
 pub(crate) struct Climb<const D: usize> {
@@ -136,23 +163,23 @@ fn back_to_start<const N: usize, const D: usize, G: LieGroup<N>>(
 
 /// # Errors
 /// The slot at which the preconditioner could not be factored.
-pub(crate) fn climb<const D: usize, const M: usize>(
+pub(crate) fn climb<const D: usize, const M: usize, const N: usize>(
     edges: &[Edge<D>],
     start: &[Parts<D>],
     params: &StaircaseParams,
 ) -> Result<Climb<D>, usize> {
     let problem = Lifted::<D, M> { edges, nodes: start.len() };
     let mut dual = Dual::<D, M>::new(edges, start.len());
-    let preconditioner = dual.preconditioner()?;
     let limits = Limits {
         iterations: params.max_iterations,
         inner_iterations: params.max_inner_iterations,
         relative_tolerance: params.relative_tolerance,
     };
-    let region = TrustRegion { problem: &problem, preconditioner: &preconditioner, limits };
     let first = Lifted::<D, M>::point(start);
     let initial = problem.cost(&first);
-    let mut descent = region.descend(first);
+    let mut newton = Newton::<N>::new(&dual);
+    let mut descent = newton.descend(&problem, &dual, first, limits);
+    let mut preconditioner = None;
     let (mut iterations, mut rank) = (descent.iterations, D);
     let mut lower_bound = None;
     loop {
@@ -168,11 +195,15 @@ pub(crate) fn climb<const D: usize, const M: usize>(
         let Some(point) = escape::escape(&problem, &descent.point, &direction) else { break };
         tracing::debug!(rank, cost = descent.cost, "not certified, climbing");
         rank += 1;
-        descent = region.descend(point);
+        if preconditioner.is_none() {
+            preconditioner = Some(dual.preconditioner()?);
+        }
+        let Some(preconditioner) = &preconditioner else { break };
+        descent = TrustRegion { problem: &problem, preconditioner, limits }.descend(point);
         iterations += descent.iterations;
     }
     if rank > D {
-        descent = region.descend(round::<D, M>(&descent.point));
+        descent = newton.descend(&problem, &dual, round::<D, M>(&descent.point), limits);
         iterations += descent.iterations;
     }
     let poses = parts::<D, M>(&descent.point);
@@ -198,58 +229,4 @@ fn parts<const D: usize, const M: usize>(point: &Point) -> Vec<Parts<D>> {
     nodes
         .map(|x| (SMatrix::from_column_slice(&x[..D * D]), SVector::from_column_slice(&x[D * D..])))
         .collect()
-}
-
-/// The nearest poses: the `D` directions that hold most of the rotations, turned so that most are proper, and each
-/// block projected onto the rotations.
-fn round<const D: usize, const M: usize>(point: &Point) -> Point {
-    let r = point.rank;
-    let mut gram = DMatrix::<f64>::zeros(r, r);
-    for node in point.x.chunks_exact(M * r) {
-        for row in node[..D * r].chunks_exact(r) {
-            let row = nalgebra::DVector::from_column_slice(row);
-            gram.ger(1.0, &row, &row, 1.0);
-        }
-    }
-    let eigen = gram.symmetric_eigen();
-    let mut order: Vec<usize> = (0..r).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]).then(a.cmp(b)));
-    let basis = SMatrix::<f64, D, D>::identity();
-    let mut nodes: Vec<SMatrix<f64, M, D>> = Vec::with_capacity(point.x.len() / (M * r));
-    for node in point.x.chunks_exact(M * r) {
-        nodes.push(SMatrix::from_fn(|row, k| {
-            (0..r).map(|c| node[row * r + c] * eigen.eigenvectors[(c, order[k])]).sum()
-        }));
-    }
-    let proper = |m: &SMatrix<f64, M, D>| determinant(&m.fixed_view::<D, D>(0, 0).into_owned()) > 0.0;
-    if 2 * nodes.iter().filter(|m| proper(m)).count() < nodes.len() {
-        nodes.iter_mut().for_each(|m| m.column_mut(0).neg_mut());
-    }
-    let mut x = Vec::with_capacity(nodes.len() * M * D);
-    for node in &nodes {
-        let rotation = nearest_rotation(&node.fixed_view::<D, D>(0, 0).into_owned(), &basis);
-        for row in 0..D {
-            x.extend((0..D).map(|c| rotation[(row, c)]));
-        }
-        x.extend((0..D).map(|c| node[(D, c)]));
-    }
-    Point { x, rank: D }
-}
-
-fn determinant<const D: usize>(m: &SMatrix<f64, D, D>) -> f64 {
-    DMatrix::from_column_slice(D, D, m.as_slice()).determinant()
-}
-
-/// The nearest rotation in the Frobenius norm; `otherwise` for a matrix without any.
-fn nearest_rotation<const D: usize>(
-    m: &SMatrix<f64, D, D>,
-    otherwise: &SMatrix<f64, D, D>,
-) -> SMatrix<f64, D, D> {
-    let svd = DMatrix::from_column_slice(D, D, m.as_slice()).svd(true, true);
-    let (Some(u), Some(mut vt)) = (svd.u, svd.v_t) else { return *otherwise };
-    if (&u * &vt).determinant() < 0.0 {
-        let least = svd.singular_values.imin();
-        vt.row_mut(least).neg_mut();
-    }
-    SMatrix::from_column_slice((u * vt).as_slice())
 }

@@ -1,32 +1,11 @@
 use nalgebra::SVector;
 
 use super::lifted::{Lifted, Point, dot};
+use super::{Descent, Limits, NOTHING, ROUNDING};
 use crate::sparse::Cholesky;
-
-/// Limits of one descent.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Limits {
-    pub(super) iterations: usize,
-    pub(super) inner_iterations: usize,
-    /// Stop when the gain that a Newton step promises is below this fraction of the objective.
-    pub(super) relative_tolerance: f64,
-}
-
-/// Where a descent ended.
-pub(super) struct Descent {
-    pub(super) point: Point,
-    pub(super) cost: f64,
-    pub(super) iterations: usize,
-    pub(super) converged: bool,
-}
 
 /// Least share of the predicted gain a step must realise to be taken.
 const ACCEPT: f64 = 0.1;
-/// Gains below this fraction of the objective drown in rounding and count as predicted.
-const ROUNDING: f64 = 1e-13;
-
-/// Objectives below this are zero but for rounding.
-const NOTHING: f64 = 1e-20;
 
 /// Riemannian trust region with truncated conjugate gradients, preconditioned by a factor of `Q`.
 ///
