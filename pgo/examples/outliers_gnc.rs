@@ -1,35 +1,59 @@
 //! How many false loop closures can a map stand? Random closures are added to a drive, or to g2o files, and told
-//! from the true ones by graduated non-convexity.
+//! from the true ones.
 //!
 //! Without arguments: a Manhattan-like drive, by plain least squares and by graduated non-convexity.
-//! `outliers_gnc [--write DIR] FILE...`: each file with no, 50, 70 and 90 % of its closures false, one JSON line each;
-//! `--write` stores the spoiled graphs, false closures last, as DIR/<name>.<percent>.g2o.
+//! `outliers_gnc [--ipc] [--seed N] [--shares 0,50] [--write DIR] FILE...`: each file with so many percent (0, 50, 70, 90)
+//! of its closures false, one JSON line each, by graduated non-convexity or incremental consensus; `--write` stores the
+//! spoiled graphs, false closures last, as DIR/<name>.<percent>.<seed>.g2o.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use draco_lie::LieGroup;
 use draco_pgo::io::g2o::{self, AnyGraph, G2oPose};
-use draco_pgo::{FactorId, GncParams, Kernel, Key, PoseGraph, PoseGraph2, SolveParams, gnc, solve};
+use draco_pgo::{
+    FactorId, GncParams, IpcParams, Kernel, Key, PoseGraph, PoseGraph2, SolveParams, gnc, ipc, solve,
+};
 use nalgebra::{Isometry2, Matrix3, SVector, Vector3};
 use rand::{RngExt, SeedableRng};
 
 const POSES: u64 = 400;
 const SHARES: [f64; 4] = [0.0, 0.5, 0.7, 0.9];
 
+/// What to do with files.
+struct Options {
+    ipc: bool,
+    seed: u64,
+    shares: Vec<f64>,
+    write: Option<PathBuf>,
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut arguments = std::env::args().skip(1).peekable();
-    let write = arguments.next_if(|a| a == "--write").and_then(|_| arguments.next()).map(PathBuf::from);
-    let files: Vec<PathBuf> = arguments.map(PathBuf::from).collect();
+    let mut options = Options { ipc: false, seed: 1, shares: SHARES.to_vec(), write: None };
+    let mut files: Vec<PathBuf> = Vec::new();
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        let mut value = || arguments.next().ok_or(format!("{argument} needs a value"));
+        match argument.as_str() {
+            "--ipc" => options.ipc = true,
+            "--seed" => options.seed = value()?.parse()?,
+            "--shares" => {
+                let percent = |s: &str| s.parse::<f64>().map(|percent| percent / 100.0);
+                options.shares = value()?.split(',').map(percent).collect::<Result<_, _>>()?;
+            }
+            "--write" => options.write = Some(value()?.into()),
+            _ => files.push(argument.into()),
+        }
+    }
     if files.is_empty() {
         println!("outliers  found  precision  recall  rms plain [m]  rms gnc [m]");
         SHARES.into_iter().try_for_each(drive)?;
     }
     for file in files {
-        for share in SHARES {
+        for share in &options.shares {
             match g2o::read(&file)? {
-                AnyGraph::Two(graph) => spoil(graph, &file, share, write.as_deref())?,
-                AnyGraph::Three(graph) => spoil(graph, &file, share, write.as_deref())?,
+                AnyGraph::Two(graph) => spoil(graph, &file, *share, &options)?,
+                AnyGraph::Three(graph) => spoil(graph, &file, *share, &options)?,
             }
         }
     }
@@ -41,9 +65,9 @@ fn spoil<const N: usize, G: G2oPose<N>>(
     mut graph: PoseGraph<G, N>,
     file: &Path,
     share: f64,
-    write: Option<&Path>,
+    options: &Options,
 ) -> Result<(), Box<dyn std::error::Error>> {
-    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(options.seed);
     let mut params = GncParams::default();
     let mut closures: Vec<FactorId> = Vec::new();
     for (id, factor) in graph.factors() {
@@ -65,23 +89,31 @@ fn spoil<const N: usize, G: G2oPose<N>>(
     }
     let name = file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
     let percent = (100.0 * share).round();
-    if let Some(folder) = write {
+    if let Some(folder) = &options.write {
         std::fs::create_dir_all(folder)?;
-        g2o::write(&graph, folder.join(format!("{name}.{percent}.g2o")))?;
+        g2o::write(&graph, folder.join(format!("{name}.{percent}.{}.g2o", options.seed)))?;
     }
     let (wall, cpu) = (Instant::now(), cpu_ms());
-    let found = gnc(&graph, &params)?;
+    let (accepted, rounds) = if options.ipc {
+        (ipc(&graph, &params.known_inliers, &IpcParams::default())?.accepted, closures.len())
+    } else {
+        let found = gnc(&graph, &params)?;
+        let known = &params.known_inliers;
+        (found.inliers.into_iter().filter(|id| !known.contains(id)).collect(), found.rounds)
+    };
     let (cpu, wall) = (cpu_ms() - cpu, wall.elapsed().as_secs_f64() * 1e3);
-    let kept = found.inliers.iter().filter(|id| !params.known_inliers.contains(id)).count();
-    let right = found.inliers.iter().filter(|id| closures.contains(id)).count();
+    let right = accepted.iter().filter(|id| closures.binary_search(id).is_ok()).count();
     println!(
-        "{{\"file\":{name:?},\"outliers_percent\":{percent},\"true\":{},\"false\":{},\"accepted\":{kept},\
-         \"precision\":{:.4},\"recall\":{:.4},\"rounds\":{},\"cpu_ms\":{cpu:.1},\"wall_ms\":{wall:.1}}}",
+        "{{\"method\":{:?},\"file\":{name:?},\"outliers_percent\":{percent},\"seed\":{},\"true\":{},\"false\":{},\
+         \"accepted\":{},\"precision\":{:.4},\"recall\":{:.4},\"rounds\":{rounds},\"cpu_ms\":{cpu:.1},\
+         \"wall_ms\":{wall:.1}}}",
+        if options.ipc { "ipc" } else { "gnc" },
+        options.seed,
         closures.len(),
         graph.factor_count() - closures.len() - params.known_inliers.len(),
-        right as f64 / kept.max(1) as f64,
+        accepted.len(),
+        right as f64 / accepted.len().max(1) as f64,
         right as f64 / closures.len() as f64,
-        found.rounds,
     );
     Ok(())
 }

@@ -1,35 +1,65 @@
+use std::collections::BTreeMap;
+
 use draco_lie::LieGroup;
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
 use super::{Candidate, Run, Subproblem};
 use crate::marginals::{PathColumns, PathWork};
 use crate::problem::{HELD, Problem};
-use crate::{Error, PoseGraph};
+use crate::sparse::SelectedInverse;
+use crate::{Error, PoseGraph, SolveParams};
 
 /// Rounds, at most.
-const ROUNDS: usize = 30;
+const ROUNDS: usize = 60;
 /// Steps of the optimisation after each round.
 const STEPS: usize = 6;
-/// Share of random measurements expected among those taken in.
-const FALSE_SHARE: f64 = 0.01;
+/// Share of false ones expected among those that pass tests of a like sharpness, for which they are taken in; the
+/// loosest is used only when the strictest leaves nothing to take in, since a false one in a part of the map that
+/// nothing else holds yet can bend it for good.
+const FALSE_SHARES: [f64; 2] = [1e-3, 1e-2];
+/// Odds of being false with which a candidate is taken in by itself while the set grows, and at the end.
+const ODDS_GROWING: f64 = 1e-3;
+const ODDS_AT_LAST: f64 = 1e-2;
+/// Tests whose probabilities to pass by chance are within this factor are of a like sharpness.
+const LIKE: f64 = 4.0;
+/// Largest probability to pass by chance of a test that tells right from false by itself.
+const SHARP: f64 = 0.1;
 /// Largest variance of a rotation, in rad², at which its distribution still is near enough to a Gaussian one to
 /// judge by.
 const LARGEST_TURN: f64 = 0.1;
 /// A candidate this many times over the limit is not looked at again in this stage.
 const HOPELESS: f64 = 100.0;
 
+/// What is known of the candidates.
+#[derive(Debug, Clone)]
+pub(super) struct Consensus {
+    pub(super) accepted: Vec<bool>,
+    /// So far off, where the map was loose already, that they are not looked at again.
+    hopeless: Vec<bool>,
+}
+
+impl Consensus {
+    pub(super) fn new(candidates: usize) -> Self {
+        Self { accepted: vec![false; candidates], hopeless: vec![false; candidates] }
+    }
+
+    /// One for what is accepted, else zero.
+    pub(super) fn weights(&self) -> Vec<f64> {
+        self.accepted.iter().map(|inside| f64::from(u8::from(*inside))).collect()
+    }
+}
+
 /// Grows the set of accepted candidates from the known inliers and moves `poses` to their optimum; `None` when the
 /// known inliers do not join what all measurements join.
 ///
 /// Each round compares the residual of each candidate with its covariance, that of the relative pose as it follows
 /// from what is accepted plus that of the measurement. How much of the space a random measurement could fall in the
-/// gate covers tells how likely it is to pass by chance; the sharpest gates are trusted first, as far as the false
-/// ones expected stay a small share of those that pass. Nothing here is final: the graduation looks at every
-/// candidate again.
+/// gate covers tells how likely it is to pass by chance; the sharpest gates are trusted first. Nothing here is
+/// final: the graduation looks at every candidate again.
 pub(super) fn consensus<const N: usize, G: LieGroup<N>>(
     run: &Run<G, N>,
     poses: &mut [G],
-) -> Result<Option<Vec<bool>>, Error> {
+) -> Result<Option<Consensus>, Error> {
     let none = vec![0.0; run.candidates.len()];
     let Some(known) = known_only(run)? else { return Ok(None) };
     let mut sub = Subproblem::new(run.graph, run.held, run.candidates, &none)?;
@@ -38,26 +68,42 @@ pub(super) fn consensus<const N: usize, G: LieGroup<N>>(
     if sub.problem.cost(&composed.poses) < sub.problem.cost(poses) {
         poses.copy_from_slice(&composed.poses);
     }
-    let solver = crate::SolveParams { max_iterations: STEPS, ..run.params.solver.clone() };
-    sub.optimise(run.graph, &solver, poses)?;
-    let mut accepted = vec![false; run.candidates.len()];
-    let mut hopeless = vec![false; run.candidates.len()];
+    sub.optimise(run.graph, &solver(run), poses)?;
+    let mut consensus = Consensus::new(run.candidates.len());
+    grow(run, sub, poses, &mut consensus, ODDS_GROWING)?;
+    Ok(Some(consensus))
+}
+
+fn solver<const N: usize, G: LieGroup<N>>(run: &Run<G, N>) -> SolveParams {
+    SolveParams { max_iterations: STEPS, ..run.params.solver.clone() }
+}
+
+/// Takes candidates in as long as there are some to trust, `sub` being the problem of those accepted so far and
+/// `poses` near its optimum.
+fn grow<const N: usize, G: LieGroup<N>>(
+    run: &Run<G, N>,
+    mut sub: Subproblem<G, N>,
+    poses: &mut [G],
+    consensus: &mut Consensus,
+    odds: f64,
+) -> Result<(), Error> {
+    let solver = solver(run);
     let mut space = None;
     for _ in 0..ROUNDS {
         let volume = *space.get_or_insert_with(|| log_volume::<N, G>(poses));
-        let tested = test(run, &mut sub, poses, &accepted, &mut hopeless, volume);
-        let new = choose(&tested);
-        if new.is_empty() {
-            break;
-        }
-        new.iter().for_each(|candidate| accepted[*candidate] = true);
+        let tested = test(run, &mut sub, poses, consensus, volume);
+        let count = |list: &[bool]| list.iter().filter(|is| **is).count();
+        let settled = [count(&consensus.accepted), count(&consensus.hopeless)];
+        let together = FALSE_SHARES.iter().map(|share| agreeing(&tested, *share));
+        let alone = std::iter::once_with(|| credible(&tested, settled, odds));
+        let Some(new) = together.chain(alone).find(|new| !new.is_empty()) else { break };
+        new.iter().for_each(|candidate| consensus.accepted[*candidate] = true);
         // twice: what turns out not to agree leaves again
         for _ in 0..2 {
-            let weights: Vec<f64> = accepted.iter().map(|a| f64::from(u8::from(*a))).collect();
-            sub = Subproblem::new(run.graph, run.held, run.candidates, &weights)?;
+            sub = Subproblem::new(run.graph, run.held, run.candidates, &consensus.weights())?;
             sub.optimise(run.graph, &solver, poses)?;
             let mut left = false;
-            for (candidate, inside) in run.candidates.iter().zip(&mut accepted) {
+            for (candidate, inside) in run.candidates.iter().zip(&mut consensus.accepted) {
                 if *inside && candidate.chi2(poses) > run.limit {
                     (*inside, left) = (false, true);
                 }
@@ -67,7 +113,18 @@ pub(super) fn consensus<const N: usize, G: LieGroup<N>>(
             }
         }
     }
-    Ok(Some(accepted))
+    Ok(())
+}
+
+/// Looks once more at what was rejected: the poses follow from what was accepted, and where that is little they are
+/// known no better than its covariance tells, so a right measurement may be far off. Grows the accepted set.
+pub(super) fn readmit<const N: usize, G: LieGroup<N>>(
+    run: &Run<G, N>,
+    poses: &mut [G],
+    consensus: &mut Consensus,
+) -> Result<(), Error> {
+    let sub = Subproblem::new(run.graph, run.held, run.candidates, &consensus.weights())?;
+    grow(run, sub, poses, consensus, ODDS_AT_LAST)
 }
 
 /// The graph of the known inliers, when it has as few connected parts as the whole.
@@ -91,15 +148,21 @@ fn test<const N: usize, G: LieGroup<N>>(
     run: &Run<G, N>,
     sub: &mut Subproblem<G, N>,
     poses: &[G],
-    accepted: &[bool],
-    hopeless: &mut [bool],
+    consensus: &mut Consensus,
     space: f64,
 ) -> Vec<Tested> {
     sub.problem.linearise(poses);
     if sub.problem.free() == 0 || sub.cholesky.factor(&sub.problem.hessian, None).is_err() {
         return Vec::new();
     }
+    let inverse = SelectedInverse::new(&sub.cholesky);
+    let symbolic = sub.cholesky.symbolic();
+    let marginal = |column: u32| match column {
+        HELD => SMatrix::zeros(),
+        column => inverse.block(symbolic, column, column).unwrap_or_else(SMatrix::zeros),
+    };
     let mut gates = Gates {
+        marginals: sub.problem.columns.iter().map(|column| marginal(*column)).collect(),
         problem: &sub.problem,
         cholesky: &sub.cholesky,
         last: None,
@@ -107,14 +170,19 @@ fn test<const N: usize, G: LieGroup<N>>(
     };
     let mut tested = Vec::new();
     for (index, candidate) in run.candidates.iter().enumerate() {
-        if accepted[index] || hopeless[index] {
+        if consensus.accepted[index] || consensus.hopeless[index] {
+            continue;
+        }
+        let far = |gate: &Gate| gate.turn <= LARGEST_TURN && gate.chi2 > HOPELESS * run.limit;
+        if gates.widest(candidate, poses).is_some_and(|gate| far(&gate)) {
+            consensus.hopeless[index] = true;
             continue;
         }
         let Some(gate) = gates.gate(candidate, poses) else { continue };
         if gate.turn > LARGEST_TURN {
             continue;
         }
-        hopeless[index] = gate.chi2 > HOPELESS * run.limit;
+        consensus.hopeless[index] = gate.chi2 > HOPELESS * run.limit;
         let log_chance = gate.log_det_half + 0.5 * N as f64 * run.limit.ln() + log_unit_ball(N) - space;
         tested.push(Tested {
             candidate: index,
@@ -125,19 +193,36 @@ fn test<const N: usize, G: LieGroup<N>>(
     tested
 }
 
-/// The candidates to take in: the longest list, sharpest first, of whose passing ones few are expected to be false.
-fn choose(tested: &[Tested]) -> Vec<usize> {
-    let mut order: Vec<&Tested> = tested.iter().collect();
-    order.sort_by(|a, b| a.by_chance.total_cmp(&b.by_chance).then(a.candidate.cmp(&b.candidate)));
-    let (mut expected, mut passing, mut longest) = (0.0, 0usize, 0);
-    for (k, t) in order.iter().enumerate() {
-        expected += t.by_chance;
-        passing += usize::from(t.passes);
-        if expected <= FALSE_SHARE * passing as f64 {
-            longest = k + 1;
-        }
+/// The candidates that pass tests of a like sharpness, where at most a share of so many would pass by chance: many
+/// right ones that close the same long loop speak for each other, a false one stands alone.
+fn agreeing(tested: &[Tested], share: f64) -> Vec<usize> {
+    let mut classes: BTreeMap<i64, (f64, Vec<usize>)> = BTreeMap::new();
+    for t in tested.iter().filter(|t| t.by_chance <= SHARP) {
+        let class = (t.by_chance.max(f64::MIN_POSITIVE).ln() / LIKE.ln()).floor() as i64;
+        let (expected, passing) = classes.entry(class).or_default();
+        *expected += t.by_chance;
+        passing.extend(t.passes.then_some(t.candidate));
     }
-    order[..longest].iter().filter(|t| t.passes).map(|t| t.candidate).collect()
+    let few = |(expected, passing): &(f64, Vec<usize>)| *expected <= share * passing.len() as f64;
+    let mut chosen: Vec<usize> = classes.into_values().filter(few).flat_map(|(_, passing)| passing).collect();
+    chosen.sort_unstable();
+    chosen
+}
+
+/// The candidates that pass and are false with odds of at most `odds`.
+///
+/// Of a candidate that passes they are the probability to pass by chance, times those of a candidate that is not
+/// known; and these follow from how many are accepted and how many more pass the sharp tests than would by chance.
+/// `settled` are the candidates accepted so far, and those found hopeless.
+fn credible(tested: &[Tested], settled: [usize; 2], odds: f64) -> Vec<usize> {
+    let sharp = || tested.iter().filter(|t| t.by_chance <= SHARP);
+    let by_chance: f64 = sharp().map(|t| t.by_chance).sum();
+    let passing = sharp().filter(|t| t.passes).count() as f64;
+    let right = settled[0] as f64 + (passing - by_chance).max(0.0);
+    let all = (settled[0] + settled[1] + sharp().count()) as f64;
+    // one of each kind more, so that nothing is certain
+    let odds_before = (all - right + 1.0) / (right + 1.0);
+    tested.iter().filter(|t| t.passes && t.by_chance * odds_before <= odds).map(|t| t.candidate).collect()
 }
 
 struct Gate {
@@ -149,6 +234,8 @@ struct Gate {
 }
 
 struct Gates<'a, G, const N: usize> {
+    /// Covariance of each pose, by slot.
+    marginals: Vec<SMatrix<f64, N, N>>,
     problem: &'a Problem<G, N>,
     cholesky: &'a crate::sparse::Cholesky<N>,
     /// The columns of the last first pose: candidates often share it with their neighbours in the list.
@@ -159,20 +246,17 @@ struct Gates<'a, G, const N: usize> {
 impl<const N: usize, G: LieGroup<N>> Gates<'_, G, N> {
     /// Residual of a candidate against the covariance of the residual.
     fn gate(&mut self, candidate: &Candidate<G, N>, poses: &[G]) -> Option<Gate> {
-        let [a, b] = candidate.slots.map(|s| &poses[s as usize]);
-        let relative = a.between(b);
-        let e = candidate.measured.between(&relative).log();
-        let covariance = self.relative(candidate.slots, &relative.inverse().adjoint());
-        let jacobian = G::right_jacobian_inverse(&e);
-        let noise = Cholesky::<f64, Const<N>>::new(candidate.information)?.inverse();
-        let total = jacobian * covariance * jacobian.transpose() + noise;
-        let factor = Cholesky::<f64, Const<N>>::new((total + total.transpose()) * 0.5)?;
-        let whitened: SVector<f64, N> = factor.l().solve_lower_triangular(&e)?;
-        Some(Gate {
-            chi2: whitened.norm_squared(),
-            log_det_half: (0..N).map(|k| factor.l_dirty()[(k, k)].ln()).sum(),
-            turn: (turns_from(N)..N).map(|k| total[(k, k)]).fold(0.0, f64::max),
-        })
+        let relative = self.relative(candidate.slots, &adjoint_of(candidate, poses));
+        gate(candidate, poses, &relative)
+    }
+
+    /// A gate that is at least as wide, at next to no cost: the covariance of a difference is at most twice the sum
+    /// of both.
+    fn widest(&self, candidate: &Candidate<G, N>, poses: &[G]) -> Option<Gate> {
+        let adjoint = adjoint_of(candidate, poses);
+        let [a, b] = candidate.slots.map(|s| &self.marginals[s as usize]);
+        let bound = (adjoint * a * adjoint.transpose() + b) * 2.0;
+        gate(candidate, poses, &bound)
     }
 
     /// Covariance of `a⁻¹ b` with `adjoint` that of `b⁻¹ a`.
@@ -193,6 +277,35 @@ impl<const N: usize, G: LieGroup<N>> Gates<'_, G, N> {
             (None, None) => SMatrix::zeros(),
         }
     }
+}
+
+/// Adjoint of `b⁻¹ a`.
+fn adjoint_of<const N: usize, G: LieGroup<N>>(
+    candidate: &Candidate<G, N>,
+    poses: &[G],
+) -> SMatrix<f64, N, N> {
+    let [a, b] = candidate.slots.map(|s| &poses[s as usize]);
+    b.between(a).adjoint()
+}
+
+/// Residual of a candidate against the covariance of the residual, with `relative` that of `a⁻¹ b`.
+fn gate<const N: usize, G: LieGroup<N>>(
+    candidate: &Candidate<G, N>,
+    poses: &[G],
+    relative: &SMatrix<f64, N, N>,
+) -> Option<Gate> {
+    let [a, b] = candidate.slots.map(|s| &poses[s as usize]);
+    let e = candidate.measured.between(&a.between(b)).log();
+    let jacobian = G::right_jacobian_inverse(&e);
+    let noise = Cholesky::<f64, Const<N>>::new(candidate.information)?.inverse();
+    let total = jacobian * relative * jacobian.transpose() + noise;
+    let factor = Cholesky::<f64, Const<N>>::new((total + total.transpose()) * 0.5)?;
+    let whitened: SVector<f64, N> = factor.l().solve_lower_triangular(&e)?;
+    Some(Gate {
+        chi2: whitened.norm_squared(),
+        log_det_half: (0..N).map(|k| factor.l_dirty()[(k, k)].ln()).sum(),
+        turn: (turns_from(N)..N).map(|k| total[(k, k)]).fold(0.0, f64::max),
+    })
 }
 
 /// Index of the first rotation in a tangent vector of the plane or of space.
@@ -243,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn few_false_ones_are_expected_among_the_chosen() {
+    fn the_odds_decide_and_follow_from_the_share_that_passes() {
         let tested = |candidate, by_chance, passes| Tested { candidate, by_chance, passes };
         let list = [
             tested(0, 1e-4, true),
@@ -252,9 +365,27 @@ mod tests {
             tested(3, 0.5, true),
             tested(4, 1e-5, true),
         ];
-        let mut chosen = choose(&list);
-        chosen.sort_unstable();
-        assert_eq!(chosen, [0, 2, 4]);
-        assert!(choose(&list[3..4]).is_empty());
+        // three of four sharp tests pass: odds of one half before
+        assert_eq!(credible(&list, [0, 0], 1e-4), [0, 4]);
+        assert_eq!(credible(&list, [0, 0], 1e-3), [0, 2, 4]);
+        // many hopeless ones make a new one less credible, many right ones more
+        assert_eq!(credible(&list, [0, 50], 1e-3), [4]);
+        assert_eq!(credible(&list, [50, 0], 0.05), [0, 2, 3, 4]);
+        assert!(credible(&list[3..4], [0, 0], 1e-2).is_empty());
+    }
+
+    #[test]
+    fn many_that_agree_are_taken_in_where_one_is_not() {
+        let class = |passing: usize| -> Vec<Tested> {
+            (0..200)
+                .map(|candidate| Tested { candidate, by_chance: 2e-3, passes: candidate < passing })
+                .collect()
+        };
+        assert!(agreeing(&class(1), 1e-2).is_empty());
+        assert_eq!(agreeing(&class(60), 1e-2).len(), 60);
+        // sharper tests beside them do not help
+        let mut mixed = class(1);
+        mixed.extend((200..400).map(|candidate| Tested { candidate, by_chance: 1e-6, passes: true }));
+        assert_eq!(agreeing(&mixed, 1e-2), (200..400).collect::<Vec<usize>>());
     }
 }

@@ -10,6 +10,7 @@ mod consensus;
 mod schedule;
 mod subproblem;
 
+use consensus::Consensus;
 use schedule::Schedule;
 use subproblem::Subproblem;
 
@@ -47,9 +48,9 @@ pub struct GncParams {
     pub start: GncStart,
     /// Factors known to be right, such as odometry. Priors and user-defined factors always are.
     pub known_inliers: BTreeSet<FactorId>,
-    /// Probability with which a right measurement shall be accepted; its chi-square quantile is the largest squared
-    /// residual of an inlier. Default 0.99999, so that of some thousand right measurements none is lost to its
-    /// noise; lower it where information matrices are pessimistic.
+    /// Probability that of all right measurements none is lost to its noise: the largest squared residual of an inlier
+    /// among `m` measurements is the chi-square quantile of `1 - (1 - inlier_probability) / m`. Default 0.999; lower
+    /// it where information matrices are pessimistic.
     pub inlier_probability: f64,
     /// Factor by which the control parameter moves each round. Default 1.4, as published.
     pub control_step: f64,
@@ -67,7 +68,7 @@ impl Default for GncParams {
             loss: GncLoss::default(),
             start: GncStart::default(),
             known_inliers: BTreeSet::new(),
-            inlier_probability: 0.99999,
+            inlier_probability: 0.999,
             control_step: 1.4,
             max_rounds: 100,
             steps_per_round: 2,
@@ -113,7 +114,8 @@ impl<const N: usize, G: LieGroup<N>> Candidate<G, N> {
 ///
 /// **Source**: Yang, Antonante, Tzoumas, Carlone, *Graduated Non-Convexity for Robust Spatial Perception*, 2020.
 /// We differ in the start ([`GncStart::Consensus`]), in taking a few steps a round instead of optimising to the end,
-/// and in checking the verdict against the optimum it leads to until it stands.
+/// in checking the verdict against the optimum it leads to until it stands, and in looking once more at what was
+/// rejected, with the uncertainty of the poses that follow from what was accepted.
 ///
 /// # Errors
 /// Those of [`crate::solve`]; [`Error::Parameter`].
@@ -121,13 +123,12 @@ pub fn gnc<const N: usize, G: LieGroup<N>>(
     graph: &PoseGraph<G, N>,
     params: &GncParams,
 ) -> Result<GncSolution<G>, Error> {
-    let limit = chi2::quantile(params.inlier_probability, N)
-        .map_err(|_| Error::Parameter { name: "inlier_probability", value: params.inlier_probability })?;
     if !(params.control_step.is_finite() && params.control_step > 1.0) {
         return Err(Error::Parameter { name: "control_step", value: params.control_step });
     }
     let held = graph.gauge_keys(params.solver.gauge)?;
     let candidates = candidates(graph, params)?;
+    let limit = limit::<N>(params.inlier_probability, candidates.len())?;
     let mut run = Run { graph, params, held: &held, candidates: &candidates, limit, sub: None };
     let mut poses = graph.poses.clone();
     let initial = graph.cost();
@@ -136,10 +137,10 @@ pub fn gnc<const N: usize, G: LieGroup<N>>(
         GncStart::LeastSquares => None,
     };
     let mut schedule = Schedule::new(params, limit);
-    let mut weights = match started {
-        Some(accepted) => {
+    let mut weights = match &started {
+        Some(consensus) => {
             schedule.after_consensus();
-            accepted.into_iter().map(|inside| f64::from(u8::from(inside))).collect()
+            consensus.weights()
         }
         None => {
             // with the outliers in, an optimum is worth nothing: a few steps find what has to be graduated
@@ -153,12 +154,18 @@ pub fn gnc<const N: usize, G: LieGroup<N>>(
         run.optimise(&weights, &mut poses, params.steps_per_round.max(1))?;
     }
     schedule.decide(run.chi2(&poses), &mut weights);
-    let mut last = run.optimise(&weights, &mut poses, params.solver.max_iterations)?;
-    for _ in 0..RECHECKS {
-        if !schedule.recheck(run.chi2(&poses), &mut weights) {
+    let mut last = run.settle(&schedule, &mut weights, &mut poses)?;
+    let mut consensus = started.unwrap_or_else(|| Consensus::new(candidates.len()));
+    consensus.accepted.iter_mut().zip(&weights).for_each(|(inside, w)| *inside = *w > 0.5);
+    for _ in 0..READMISSIONS {
+        let before = consensus.accepted.clone();
+        consensus::readmit(&run, &mut poses, &mut consensus)?;
+        if consensus.accepted == before {
             break;
         }
-        last = run.optimise(&weights, &mut poses, params.solver.max_iterations)?;
+        weights = consensus.weights();
+        last = run.settle(&schedule, &mut weights, &mut poses)?;
+        consensus.accepted.iter_mut().zip(&weights).for_each(|(inside, w)| *inside = *w > 0.5);
     }
     let solution = Solution::new(graph, &poses, held.clone(), Outcome { initial, ..last });
     let (inliers, outliers) = verdict(graph, &candidates, &weights);
@@ -169,6 +176,17 @@ pub fn gnc<const N: usize, G: LieGroup<N>>(
 const START_STEPS: usize = 10;
 /// Times the verdict is checked against the optimum it leads to.
 const RECHECKS: usize = 10;
+/// Times what was rejected is looked at again.
+const READMISSIONS: usize = 5;
+
+/// Largest squared residual of an inlier.
+fn limit<const N: usize>(probability: f64, candidates: usize) -> Result<f64, Error> {
+    let refused = Error::Parameter { name: "inlier_probability", value: probability };
+    if !(probability > 0.0 && probability < 1.0) {
+        return Err(refused);
+    }
+    chi2::quantile(1.0 - (1.0 - probability) / candidates.max(1) as f64, N).map_err(|_| refused)
+}
 
 fn candidates<const N: usize, G: LieGroup<N>>(
     graph: &PoseGraph<G, N>,
@@ -213,6 +231,24 @@ impl<const N: usize, G: LieGroup<N>> Run<'_, G, N> {
     /// Squared residuals of the candidates.
     fn chi2<'p>(&'p self, poses: &'p [G]) -> impl Iterator<Item = f64> + 'p {
         self.candidates.iter().map(|c| c.chi2(poses))
+    }
+
+    /// Optimises over what is accepted, and corrects the verdict until it agrees with the optimum it leads to.
+    fn settle(
+        &mut self,
+        schedule: &Schedule<'_>,
+        weights: &mut [f64],
+        poses: &mut [G],
+    ) -> Result<Outcome, Error> {
+        let steps = self.params.solver.max_iterations;
+        let mut last = self.optimise(weights, poses, steps)?;
+        for _ in 0..RECHECKS {
+            if !schedule.recheck(self.chi2(poses), weights) {
+                break;
+            }
+            last = self.optimise(weights, poses, steps)?;
+        }
+        Ok(last)
     }
 
     /// Takes some steps on the weighted problem, laid out anew only when the measurements that take part call for
