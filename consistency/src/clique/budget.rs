@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 pub struct Budget {
     /// Largest number of branch-and-bound nodes. Gives the same result on every machine.
     pub nodes: Option<u64>,
-    /// Largest wall time, looked at every few hundred nodes.
+    /// Largest wall time, looked at every few nodes.
     pub time: Option<Duration>,
 }
 
@@ -34,7 +34,7 @@ pub(crate) struct Meter {
 }
 
 /// Nodes between two looks at the clock.
-const CLOCK_INTERVAL: u64 = 256;
+const CLOCK_INTERVAL: u64 = 16;
 
 impl Meter {
     pub(crate) fn new(budget: &Budget) -> Self {

@@ -3,16 +3,18 @@
 use super::budget::Meter;
 use super::cover::Cover;
 use super::incumbent::{Incumbent, START};
-use super::rows::{BitMatrix, Set, and, and_not, drop, first, full, is_empty, put, with_width};
-use super::search::{self, Problem, Rival};
-use crate::graph::bits;
+use super::order::{DENSE, density, order_above};
+use super::rows::{Set, and, and_not, closed, count, drop, first, full, is_empty, put, with_width};
+use super::search::{self, Problem, Rival, Within};
+use super::threads;
+use crate::graph::{Adjacency, bit_matrix::BitMatrix, bits};
 
 /// A clique heavier than `lower`: the heaviest, or one of at least `enough`; or `None`.
 ///
 /// The answer does not depend on the number of threads: of the parts that hold a heaviest clique the first one wins,
 /// and what is returned is what a search of that part finds when it knows the weight.
 pub(super) fn search(problem: Problem<'_>, lower: u64, enough: u64, meter: &mut Meter) -> Option<Vec<usize>> {
-    with_width!(problem.matrix.words, search_wide(problem, lower, enough, meter))
+    with_width!(problem.matrix.words(), search_wide(problem, lower, enough, meter))
 }
 
 fn search_wide<const W: usize>(
@@ -22,10 +24,18 @@ fn search_wide<const W: usize>(
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
     let split = Split::<W>::new(problem, lower, enough);
-    split.run_all(meter);
+    let scratch = || Cover::new(problem.counted);
+    let found = threads::run_all(split.parts.len(), meter, scratch, |index, cover, meter| {
+        split.run(index, cover, meter)
+    });
     let (weight, index) = split.incumbent.get();
     if index == START {
         return None;
+    }
+    if meter.stopped {
+        // There is no time to look for the same set each time.
+        let total = |clique: &Vec<usize>| clique.iter().map(|&v| problem.weights[v]).sum::<u64>();
+        return found.into_iter().flatten().max_by_key(total);
     }
     let part = split.parts.get(index as usize)?;
     let rest = weight - problem.weights[part.vertex];
@@ -52,8 +62,8 @@ struct Split<'a, const W: usize> {
 
 impl<'a, const W: usize> Split<'a, W> {
     fn new(problem: Problem<'a>, lower: u64, enough: u64) -> Self {
-        let adjacent = problem.matrix.closed::<W>();
-        let all = full(problem.matrix.n);
+        let adjacent = closed::<W>(problem.matrix);
+        let all = full(problem.matrix.len());
         let mut branching = Cover::new(problem.counted).branching(&adjacent, problem.weights, all, lower);
         let mut open = and_not(&all, &branching);
         let mut parts = Vec::new();
@@ -65,53 +75,37 @@ impl<'a, const W: usize> Split<'a, W> {
         Self { problem, adjacent, parts, incumbent: Incumbent::new(lower), enough }
     }
 
-    fn run_in_turn(&self, meter: &mut Meter) {
-        let mut cover = Cover::new(self.problem.counted);
-        (0..self.parts.len()).for_each(|index| self.run(index, &mut cover, meter));
-    }
-
-    #[cfg(not(feature = "rayon"))]
-    fn run_all(&self, meter: &mut Meter) {
-        self.run_in_turn(meter);
-    }
-
-    #[cfg(feature = "rayon")]
-    fn run_all(&self, meter: &mut Meter) {
-        use rayon::prelude::*;
-        // A limit of nodes must stop at the same node each time, so such a search stays on one thread.
-        if meter.limits_nodes() || rayon::current_num_threads() == 1 {
-            return self.run_in_turn(meter);
-        }
-        let shared = &*meter;
-        let meters: Vec<Meter> = (0..self.parts.len())
-            .into_par_iter()
-            .with_max_len(1)
-            .map(|index| {
-                let mut meter = shared.fork();
-                self.run(index, &mut Cover::new(self.problem.counted), &mut meter);
-                meter
-            })
-            .collect();
-        meters.iter().for_each(|one| meter.join(one));
-    }
-
-    fn run(&self, index: usize, cover: &mut Cover<W>, meter: &mut Meter) {
+    /// A clique of a part heavier than all known ones, if it is searched to its end its heaviest.
+    fn run(&self, index: usize, cover: &mut Cover<W>, meter: &mut Meter) -> Option<Vec<usize>> {
         let part = &self.parts[index];
         let fixed = self.problem.weights[part.vertex];
         let rival = Rival { incumbent: &self.incumbent, index: index as u32, fixed };
         let known = self.incumbent.to_beat(rival.index, 0);
         if known >= self.enough || !meter.tick() {
-            return;
+            return None;
         }
-        if fixed > known {
+        let alone = (fixed > known).then(|| vec![part.vertex]);
+        if alone.is_some() {
             self.incumbent.offer(fixed, rival.index);
         }
         // Most parts end here, before an order of their own is worth its cost.
         let rest = known.saturating_sub(fixed);
-        if is_empty(&cover.branching(&self.adjacent, self.problem.weights, part.around, rest)) {
-            return;
+        let branching = cover.branching(&self.adjacent, self.problem.weights, part.around, rest);
+        if is_empty(&branching) {
+            return alone;
         }
-        self.search(part, rest, self.enough.saturating_sub(fixed), Some(rival), meter);
+        let enough = self.enough.saturating_sub(fixed);
+        let found = if self.problem.counted && count(&branching) <= FEW {
+            self.within().search(part.around, rest, enough, Some(rival), cover, meter)
+        } else {
+            self.search(part, rest, enough, Some(rival), meter)
+        };
+        found.map(|found| found.into_iter().chain([part.vertex]).collect()).or(alone)
+    }
+
+    fn within(&self) -> Within<'_, W> {
+        let Problem { weights, counted, .. } = self.problem;
+        Within { adjacent: &self.adjacent, weights, counted }
     }
 
     /// Searches the graph around the vertex of a part in an order of its own.
@@ -124,11 +118,11 @@ impl<'a, const W: usize> Split<'a, W> {
         meter: &mut Meter,
     ) -> Option<Vec<usize>> {
         let mut vertices: Vec<usize> = bits::iter(&part.around).collect();
-        let mut matrix = BitMatrix::part(&self.adjacent, &vertices);
+        let mut matrix = BitMatrix::gather(64 * W, &vertices, |v| &self.adjacent[v]);
         // Where few vertices are joined parts are small work, and the order of the whole graph will do.
-        if !self.problem.counted || matrix.density() > DENSE {
+        if !self.problem.counted || density(&matrix) > DENSE {
             let weights: Vec<u64> = vertices.iter().map(|&v| self.problem.weights[v]).collect();
-            let order = matrix.order_above(&weights, lower);
+            let order = order_above(&matrix, &weights, lower);
             matrix = matrix.select(&order);
             vertices = order.into_iter().map(|v| vertices[v]).collect();
         }
@@ -142,5 +136,5 @@ impl<'a, const W: usize> Split<'a, W> {
     }
 }
 
-/// Density of a part from which an order of its own is worth its cost.
-const DENSE: f64 = 0.6;
+/// Vertices to branch on up to which a part is not worth rows of its own.
+const FEW: u32 = 8;

@@ -18,6 +18,7 @@ impl<const W: usize> Colours<W> {
     /// Vertices to branch on: without them the candidates hold no clique of more than `colours` vertices.
     ///
     /// `adjacent` rows hold their own vertex too.
+    #[inline(always)]
     pub(super) fn branching(&mut self, adjacent: &[Set<W>], candidates: Set<W>, colours: usize) -> Set<W> {
         let mut rest = candidates;
         self.classes.clear();
@@ -44,6 +45,7 @@ impl<const W: usize> Colours<W> {
     }
 
     /// Whether the first `live` classes with `v` still count for that many colours; classes used up are moved behind.
+    #[inline(always)]
     fn covers(&mut self, adjacent: &[Set<W>], v: usize, live: &mut usize) -> bool {
         if let Fit::Free(class) = self.cores.start(adjacent, &self.classes[..*live], v) {
             put(&mut self.classes[class], v);
@@ -64,6 +66,7 @@ impl<const W: usize> Colours<W> {
     }
 
     /// Finds a class for `v` whose only neighbour of `v` fits into another one.
+    #[inline(always)]
     fn recolour(&mut self, adjacent: &[Set<W>], v: usize, live: usize) -> bool {
         for (class, w) in self.cores.units() {
             for other in 0..live {

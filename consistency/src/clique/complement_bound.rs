@@ -1,3 +1,5 @@
+use std::ops::Range;
+
 use super::rows::{Set, and, and_not, count, drop, empty, first, is_empty, put};
 use crate::graph::bits::iter;
 
@@ -12,8 +14,10 @@ use crate::graph::bits::iter;
 /// clique problem*, 2010, on the complement; here the chains run along edges of the sparse complement.
 #[derive(Default)]
 pub(super) struct ComplementBound {
-    /// Members of each clique, and the clique of each vertex while it counts.
-    members: Vec<Vec<u32>>,
+    /// Members of the cliques, one clique after the other, and where each begins and ends.
+    members: Vec<u32>,
+    starts: Vec<u32>,
+    /// The clique of each vertex while it counts.
     clique_of: Vec<u32>,
     /// Members left in each clique during a chain, and the cliques where that changed.
     left: Vec<u32>,
@@ -39,20 +43,23 @@ const LARGEST_TRIED: usize = 4;
 
 impl ComplementBound {
     /// The bound within `alive`; work stops once it is down to `target`.
+    #[inline(always)]
     pub(super) fn bound<const W: usize>(&mut self, apart: &[Set<W>], alive: &Set<W>, target: isize) -> isize {
         self.members.clear();
+        self.starts.clear();
+        self.starts.push(0);
         let mut rest = *alive;
         self.cover_by_cliques(apart, &mut rest);
         self.cover_by_edges(apart, rest);
-        let mut total = self.members.len() as isize;
+        let mut total = self.cliques() as isize;
         // Each core takes two cliques and more.
         if total <= target || (target > 0 && 2 * (total - target) > total) {
             return total;
         }
         self.start(apart.len());
         for size in 1..=LARGEST_TRIED {
-            for clique in 0..self.members.len() {
-                if self.members[clique].len() != size || self.left[clique] == 0 {
+            for clique in 0..self.cliques() {
+                if self.range(clique).len() != size || self.left[clique] == 0 {
                     continue;
                 }
                 if self.contradicts(apart, alive, clique) {
@@ -66,42 +73,68 @@ impl ComplementBound {
         total
     }
 
+    #[inline(always)]
+    fn cliques(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Where the members of a clique are.
+    #[inline(always)]
+    fn range(&self, clique: usize) -> Range<usize> {
+        self.starts[clique] as usize..self.starts[clique + 1] as usize
+    }
+
+    /// Ends the clique whose members were pushed last.
+    #[inline(always)]
+    fn close(&mut self) {
+        self.starts.push(self.members.len() as u32);
+    }
+
+    #[inline(always)]
     fn start(&mut self, vertices: usize) {
         self.clique_of.clear();
         self.clique_of.resize(vertices, NONE);
         self.out_in.resize(self.out_in.len().max(vertices), 0);
         self.put_out_by.resize(self.put_out_by.len().max(vertices), 0);
-        self.in_core.resize(self.in_core.len().max(self.members.len()), 0);
-        self.seen_in.resize(self.seen_in.len().max(self.members.len()), 0);
+        self.in_core.resize(self.in_core.len().max(self.cliques()), 0);
+        self.seen_in.resize(self.seen_in.len().max(self.cliques()), 0);
         self.left.clear();
-        for (clique, members) in self.members.iter().enumerate() {
-            self.left.push(members.len() as u32);
-            members.iter().for_each(|&v| self.clique_of[v as usize] = clique as u32);
+        for clique in 0..self.cliques() {
+            let range = self.range(clique);
+            self.left.push(range.len() as u32);
+            for i in range {
+                self.clique_of[self.members[i] as usize] = clique as u32;
+            }
         }
     }
 
     /// Whether all members of a clique fail; the cliques that it takes then count no more.
+    #[inline(always)]
     fn contradicts<const W: usize>(&mut self, apart: &[Set<W>], alive: &Set<W>, clique: usize) -> bool {
         self.core.clear();
         self.mark += 1;
         self.join(clique as u32);
-        for i in 0..self.members[clique].len() {
-            let v = self.members[clique][i];
+        for i in self.range(clique) {
+            let v = self.members[i];
             let empty = self.chain(apart, alive, v);
             while let Some(touched) = self.touched.pop() {
-                self.left[touched as usize] = self.members[touched as usize].len() as u32;
+                self.left[touched as usize] = self.range(touched as usize).len() as u32;
             }
             let Some(empty) = empty else { return false };
             self.blame(empty);
         }
-        for &used in &self.core {
-            self.left[used as usize] = 0;
-            self.members[used as usize].iter().for_each(|&v| self.clique_of[v as usize] = NONE);
+        for c in 0..self.core.len() {
+            let used = self.core[c] as usize;
+            self.left[used] = 0;
+            for i in self.range(used) {
+                self.clique_of[self.members[i] as usize] = NONE;
+            }
         }
         true
     }
 
     /// Chooses `v` and what follows from it; returns a clique that is left without members.
+    #[inline(always)]
     fn chain<const W: usize>(&mut self, apart: &[Set<W>], alive: &Set<W>, v: u32) -> Option<u32> {
         self.chain += 1;
         self.steps.clear();
@@ -123,7 +156,7 @@ impl ComplementBound {
                 match *left {
                     0 => return Some(clique),
                     1 => {
-                        let mut members = self.members[clique as usize].iter();
+                        let mut members = self.members[self.range(clique as usize)].iter();
                         if let Some(&last) = members.find(|&&u| self.out_in[u as usize] != self.chain) {
                             self.steps.push(last);
                         }
@@ -137,11 +170,12 @@ impl ComplementBound {
     }
 
     /// Takes the cliques that led to `empty` into the core.
+    #[inline(always)]
     fn blame(&mut self, empty: u32) {
         self.visit(empty);
         while let Some(clique) = self.todo.pop() {
-            for i in 0..self.members[clique as usize].len() {
-                let u = self.members[clique as usize][i] as usize;
+            for i in self.range(clique as usize) {
+                let u = self.members[i] as usize;
                 if self.out_in[u] == self.chain && self.put_out_by[u] > 0 {
                     let chosen = self.steps[self.put_out_by[u] as usize] as usize;
                     self.visit(self.clique_of[chosen]);
@@ -150,6 +184,7 @@ impl ComplementBound {
         }
     }
 
+    #[inline(always)]
     fn visit(&mut self, clique: u32) {
         if self.seen_in[clique as usize] != self.chain {
             self.seen_in[clique as usize] = self.chain;
@@ -158,6 +193,7 @@ impl ComplementBound {
         }
     }
 
+    #[inline(always)]
     fn join(&mut self, clique: u32) {
         if self.in_core[clique as usize] != self.mark {
             self.in_core[clique as usize] = self.mark;
@@ -166,6 +202,7 @@ impl ComplementBound {
     }
 
     /// Cuts off cliques of three vertices and more.
+    #[inline(always)]
     fn cover_by_cliques<const W: usize>(&mut self, apart: &[Set<W>], rest: &mut Set<W>) {
         let mut todo = *rest;
         while let Some(v) = first(&todo) {
@@ -187,13 +224,15 @@ impl ComplementBound {
                 }
                 *rest = and_not(rest, &clique);
                 todo = and(&todo, rest);
-                self.members.push(iter(&clique).map(|u| u as u32).collect());
+                self.members.extend(iter(&clique).map(|u| u as u32));
+                self.close();
                 break;
             }
         }
     }
 
     /// Covers the rest by a matching, vertices with few partners first, and single vertices.
+    #[inline(always)]
     fn cover_by_edges<const W: usize>(&mut self, apart: &[Set<W>], mut rest: Set<W>) {
         while let Some(v) = first(&rest) {
             drop(&mut rest, v);
@@ -209,10 +248,11 @@ impl ComplementBound {
             match best {
                 Some((_, u)) => {
                     drop(&mut rest, u);
-                    self.members.push(vec![v as u32, u as u32]);
+                    self.members.extend([v as u32, u as u32]);
                 }
-                None => self.members.push(vec![v as u32]),
+                None => self.members.push(v as u32),
             }
+            self.close();
         }
     }
 }

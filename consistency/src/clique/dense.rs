@@ -3,11 +3,12 @@
 use super::budget::Meter;
 use super::greedy::extend;
 use super::local_search;
+use super::order::{DENSE, density, order, order_above};
 use super::peels::Peels;
-use super::rows::{BitMatrix, full, with_width};
+use super::rows::{closed, full, with_width};
 use super::search::Problem;
-use super::{by_vertex, complement_search};
-use crate::graph::Adjacency;
+use super::{by_vertex, complement_parts};
+use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 
 /// A clique of `matrix` heavier than `lower`: the heaviest, or one of at least `enough`; or `None`.
 pub(super) fn heavier(
@@ -17,16 +18,17 @@ pub(super) fn heavier(
     enough: u64,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let mut order = matrix.order_above(weights, lower);
+    let mut order = order_above(matrix, weights, lower);
     let pick = |order: &[usize]| order.iter().map(|&v| weights[v]).collect::<Vec<u64>>();
     let mut reduced = matrix.select(&order);
     let mut own = pick(&order);
     if own.iter().sum::<u64>() <= lower {
         return None;
     }
-    let start = extend(&reduced, 0..reduced.n);
-    let steps = (LOCAL_STEPS * reduced.n).min(LOCAL_MOVES / (1 + missing_degree(&reduced) as usize));
-    let start = local_search::improve(&reduced, &own, &start, steps);
+    let start = extend(&reduced, 0..reduced.len());
+    let moves = if density(&reduced) > DENSE { LOCAL_MOVES } else { LOCAL_MOVES / 3 };
+    let steps = (LOCAL_STEPS * reduced.len()).min(moves / (1 + missing_degree(&reduced) as usize));
+    let start = local_search::improve(&reduced, &own, &start, steps, enough);
     let weight: u64 = start.iter().map(|&v| own[v]).sum();
     let (mut best, mut known) = (None, lower);
     if weight > lower {
@@ -35,7 +37,7 @@ pub(super) fn heavier(
         if known >= enough {
             return best;
         }
-        let kept = reduced.order_above(&own, known);
+        let kept = order_above(&reduced, &own, known);
         reduced = reduced.select(&kept);
         order = kept.into_iter().map(|i| order[i]).collect();
         own = pick(&order);
@@ -44,15 +46,24 @@ pub(super) fn heavier(
     found.map(|clique| clique.into_iter().map(|v| order[v]).collect()).or(best)
 }
 
-/// The same without a local search first: for graphs that hardly ever hold such a clique.
-pub(super) fn heavier_at_once(
+/// The same for a graph that hardly ever holds such a clique, near one that is known: `start`.
+pub(super) fn heavier_near(
     matrix: &BitMatrix,
     weights: &[u64],
+    start: &[usize],
     lower: u64,
     enough: u64,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let order = matrix.order_above(weights, lower);
+    if counts(weights) && missing_degree(matrix) <= SPARSE_COMPLEMENT {
+        let hint = || {
+            let steps = NEAR_STEPS * matrix.len();
+            let better = local_search::improve(matrix, weights, start, steps, enough);
+            (better.len() as u64 >= enough).then_some(better)
+        };
+        return sparse_complement(matrix, lower, enough, &hint, meter);
+    }
+    let order = order_above(matrix, weights, lower);
     let own: Vec<u64> = order.iter().map(|&v| weights[v]).collect();
     if own.iter().sum::<u64>() <= lower {
         return None;
@@ -69,10 +80,9 @@ fn exactly(
     enough: u64,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let counted = weights.iter().all(|&w| w == 1);
+    let counted = counts(weights);
     if counted && missing_degree(matrix) <= SPARSE_COMPLEMENT {
-        let (lower, enough) = (lower as usize, enough as usize);
-        with_width!(matrix.words, sparse_complement(matrix, lower, enough, meter))
+        sparse_complement(matrix, lower, enough, &|| None, meter)
     } else {
         by_vertex::search(Problem { matrix, weights, counted }, lower, enough, meter)
     }
@@ -85,37 +95,58 @@ pub(super) fn larger(
     enough: usize,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    heavier(matrix, &vec![1; matrix.n], lower as u64, enough as u64, meter)
+    heavier(matrix, &vec![1; matrix.len()], lower as u64, enough as u64, meter)
 }
 
 /// Upper bound of the weight of a clique, by colouring alone.
 pub(super) fn bound(matrix: &BitMatrix, weights: &[u64]) -> u64 {
-    with_width!(matrix.words, bound_wide(matrix, weights))
+    with_width!(matrix.words(), bound_wide(matrix, weights))
 }
 
 fn bound_wide<const W: usize>(matrix: &BitMatrix, weights: &[u64]) -> u64 {
-    let order = matrix.order(weights);
+    let order = order(matrix, weights);
     let weights: Vec<u64> = order.iter().map(|&v| weights[v]).collect();
-    Peels::<W>::new().bound(&matrix.select(&order).closed(), &weights, full(matrix.n))
+    Peels::<W>::new().bound(&closed(&matrix.select(&order)), &weights, full(matrix.len()))
 }
 
-/// Steps of the local search a vertex, and a limit on what all of them may touch.
+/// Steps of the local search a vertex, and a limit on what all of them may touch; a third of it where few vertices
+/// are joined, since there the search costs hardly more.
 const LOCAL_STEPS: usize = 10;
 const LOCAL_MOVES: usize = 150_000;
+
+/// Steps a vertex from a clique that nearly suffices.
+const NEAR_STEPS: usize = 2;
 
 /// Average number of missing edges a vertex up to which the complement is searched.
 const SPARSE_COMPLEMENT: f64 = 9.0;
 
 fn missing_degree(matrix: &BitMatrix) -> f64 {
-    let n = matrix.n as f64;
+    let n = matrix.len() as f64;
     if n > 0.0 { n - 1.0 - 2.0 * matrix.edge_count() as f64 / n } else { 0.0 }
 }
 
-fn sparse_complement<const W: usize>(
+fn counts(weights: &[u64]) -> bool {
+    weights.iter().all(|&w| w == 1)
+}
+
+/// * `hint` – may know a clique of `enough`; asked if the search does not end at once.
+fn sparse_complement(
+    matrix: &BitMatrix,
+    lower: u64,
+    enough: u64,
+    hint: &dyn Fn() -> Option<Vec<usize>>,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
+    let (lower, enough) = (lower as usize, enough as usize);
+    with_width!(matrix.words(), sparse_complement_wide(matrix, lower, enough, hint, meter))
+}
+
+fn sparse_complement_wide<const W: usize>(
     matrix: &BitMatrix,
     lower: usize,
     enough: usize,
+    hint: &dyn Fn() -> Option<Vec<usize>>,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    complement_search::search::<W>(matrix, lower, enough, meter)
+    complement_parts::search::<W>(matrix, lower, enough, hint, meter)
 }

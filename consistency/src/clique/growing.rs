@@ -1,8 +1,9 @@
+use pulp::{Arch, NullaryFnOnce};
+
 use super::budget::{Budget, Meter};
 use super::dense;
 use super::fixed_point::FixedPoint;
 use super::outcome::Outcome;
-use super::rows::BitMatrix;
 use crate::Error;
 use crate::graph::{Adjacency, Graph, bits};
 
@@ -19,6 +20,9 @@ pub(super) struct Growing {
     budget: Budget,
     /// Whether all weights are one.
     counted: bool,
+    /// Number of neighbours of each vertex.
+    degree: Vec<usize>,
+    arch: Arch,
 }
 
 /// No weight at which a search could stop early.
@@ -27,7 +31,15 @@ const NO_LIMIT: u64 = u64::MAX;
 impl Growing {
     pub(super) fn new(budget: Budget, counted: bool) -> Self {
         let best = Outcome { vertices: Vec::new(), value: 0.0, upper_bound: 0.0, optimal: true, nodes: 0 };
-        Self { graph: Graph::default(), deleted: Vec::new(), best, budget, counted }
+        Self {
+            graph: Graph::default(),
+            deleted: Vec::new(),
+            best,
+            budget,
+            counted,
+            degree: Vec::new(),
+            arch: Arch::new(),
+        }
     }
 
     pub(super) fn graph(&self) -> &Graph {
@@ -46,9 +58,10 @@ impl Growing {
         }
         let v = self.graph.add_vertex()?;
         self.deleted.push(false);
+        self.degree.push(0);
         self.graph.set_weight(v, weight)?;
         for &u in neighbors {
-            self.graph.add_edge(v, u)?;
+            self.join(v, u)?;
         }
         self.search_through(&[v], weight);
         Ok(())
@@ -56,7 +69,7 @@ impl Growing {
 
     pub(super) fn add_edge(&mut self, a: usize, b: usize) -> Result<(), Error> {
         self.check(&[a, b])?;
-        if self.graph.add_edge(a, b)? {
+        if self.join(a, b)? {
             // A clique with both was one without either of them before.
             self.search_through(&[a, b], self.graph.weight(a).min(self.graph.weight(b)));
         }
@@ -65,9 +78,7 @@ impl Growing {
 
     pub(super) fn remove_edge(&mut self, a: usize, b: usize) -> Result<(), Error> {
         self.check(&[a, b])?;
-        let broken = self.graph.remove_edge(a, b)?
-            && self.best.vertices.contains(&a)
-            && self.best.vertices.contains(&b);
+        let broken = self.part(a, b)? && self.best.vertices.contains(&a) && self.best.vertices.contains(&b);
         self.best.nodes = 0;
         if broken {
             let lighter = if self.graph.weight(a) <= self.graph.weight(b) { a } else { b };
@@ -81,7 +92,7 @@ impl Growing {
         self.check(&[vertex])?;
         let neighbors: Vec<usize> = self.graph.neighbors(vertex).collect();
         for u in neighbors {
-            self.graph.remove_edge(vertex, u)?;
+            self.part(vertex, u)?;
         }
         self.deleted[vertex] = true;
         self.best.nodes = 0;
@@ -109,6 +120,18 @@ impl Growing {
             self.search_all();
         }
         Ok(())
+    }
+
+    fn join(&mut self, a: usize, b: usize) -> Result<bool, Error> {
+        let new = self.graph.add_edge(a, b)?;
+        [a, b].iter().for_each(|&v| self.degree[v] += usize::from(new));
+        Ok(new)
+    }
+
+    fn part(&mut self, a: usize, b: usize) -> Result<bool, Error> {
+        let had = self.graph.remove_edge(a, b)?;
+        [a, b].iter().for_each(|&v| self.degree[v] -= usize::from(had));
+        Ok(had)
     }
 
     /// Searches cliques that hold all of `fixed`; no clique can have gained more than `gain`.
@@ -156,12 +179,19 @@ impl Growing {
         let (known, own) = (weigh(&self.best.vertices), weigh(fixed));
         let lower = known.saturating_sub(own);
         let enough = if self.counted { (upper as u64).saturating_sub(own).max(1) } else { NO_LIMIT };
-        self.thin(&mut among, integer, lower);
+        if self.counted {
+            self.thin(&mut among, fixed.len(), lower as usize);
+        } else {
+            self.thin_weighed(&mut among, integer, lower);
+        }
         let weights: Vec<u64> = among.iter().map(|&v| integer(v)).collect();
         let found = if weights.iter().sum::<u64>() <= lower {
             None
         } else {
-            dense::heavier_at_once(&BitMatrix::within(&self.graph, &among), &weights, lower, enough, meter)
+            let matrix = self.graph.matrix().select(&among);
+            let inside = |v: &usize| among.binary_search(v).ok();
+            let start: Vec<usize> = self.best.vertices.iter().filter_map(inside).collect();
+            dense::heavier_near(&matrix, &weights, &start, lower, enough, meter)
         };
         match found {
             Some(found) => Some(found.into_iter().map(|u| among[u]).chain(fixed.iter().copied()).collect()),
@@ -169,22 +199,27 @@ impl Growing {
         }
     }
 
-    /// Takes vertices out of `among` that are joined to too few others of it to be in a clique heavier than `lower`.
-    fn thin(&self, among: &mut Vec<usize>, integer: impl Fn(usize) -> u64, lower: u64) {
-        let mut open = vec![0; self.graph.row(0).len()];
-        among.iter().for_each(|&v| bits::insert(&mut open, v));
+    /// Takes vertices out of `among`, all joined to `fixed` others, that are joined to fewer than `lower` of it.
+    fn thin(&self, among: &mut Vec<usize>, fixed: usize, lower: usize) {
+        // Most vertices have too few neighbours altogether.
+        among.retain(|&v| self.degree[v] >= lower + fixed);
+        if among.len() > lower {
+            self.arch.dispatch(Thin { graph: &self.graph, among, lower });
+        } else {
+            among.clear();
+        }
+    }
+
+    /// Takes vertices out of `among` that are joined to too little weight in it for a clique heavier than `lower`.
+    fn thin_weighed(&self, among: &mut Vec<usize>, integer: impl Fn(usize) -> u64, lower: u64) {
+        let mut open = set_of(&self.graph, among);
         let mut before = usize::MAX;
         while among.len() < before {
             before = among.len();
             among.retain(|&v| {
-                let near = || self.graph.row(v).iter().zip(&open).map(|(row, open)| row & open);
-                let reach = if self.counted {
-                    1 + near().map(|word| u64::from(word.count_ones())).sum::<u64>()
-                } else {
-                    let near: Vec<u64> = near().collect();
-                    integer(v) + bits::iter(&near).map(&integer).sum::<u64>()
-                };
-                let keep = reach > lower;
+                let near: Vec<u64> =
+                    self.graph.row(v).iter().zip(&open).map(|(row, open)| row & open).collect();
+                let keep = integer(v) + bits::iter(&near).map(&integer).sum::<u64>() > lower;
                 if !keep {
                     bits::remove(&mut open, v);
                 }
@@ -216,6 +251,44 @@ impl Growing {
         match vertices.iter().find(|&&v| self.deleted.get(v) != Some(&false)) {
             Some(&vertex) => Err(Error::UnknownVertex { vertex, vertices: self.graph.len() }),
             None => Ok(()),
+        }
+    }
+}
+
+fn set_of(graph: &Graph, vertices: &[usize]) -> Vec<u64> {
+    let mut set = vec![0; graph.matrix().words()];
+    vertices.iter().for_each(|&v| bits::insert(&mut set, v));
+    set
+}
+
+/// Takes vertices out of `among` that are joined to fewer than `lower` of it, until none is left.
+struct Thin<'a> {
+    graph: &'a Graph,
+    among: &'a mut Vec<usize>,
+    lower: usize,
+}
+
+impl NullaryFnOnce for Thin<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { graph, among, lower } = self;
+        let mut open = set_of(graph, among);
+        let mut before = usize::MAX;
+        while among.len() < before {
+            before = among.len();
+            among.retain(|&v| {
+                let row = graph.row(v).iter().zip(&open);
+                let keep = row.map(|(row, open)| (row & open).count_ones() as usize).sum::<usize>() >= lower;
+                if !keep {
+                    bits::remove(&mut open, v);
+                }
+                keep
+            });
+            if among.len() <= lower {
+                among.clear();
+            }
         }
     }
 }

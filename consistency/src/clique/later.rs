@@ -1,5 +1,4 @@
-use super::rows::BitMatrix;
-use crate::graph::{Adjacency, SparseGraph};
+use crate::graph::{Adjacency, SparseGraph, bit_matrix::BitMatrix};
 
 /// Neighbourhoods restricted to what comes later in an order: every clique is its first vertex with some of those.
 pub(super) struct Later<'a, A> {
@@ -19,6 +18,12 @@ impl<'a, A: Adjacency> Later<'a, A> {
         self.graph.neighbors(v).filter(|&u| self.rank[u] > self.rank[v] && keep(u)).collect()
     }
 
+    /// Whether bit rows of a part need no more memory than lists of its edges.
+    pub(super) fn is_dense(&self, vertices: &[usize]) -> bool {
+        let edges: usize = vertices.iter().map(|&v| self.graph.degree(v)).sum();
+        vertices.len() * vertices.len() <= BITS_A_NEIGHBOR * edges
+    }
+
     pub(super) fn matrix(&mut self, vertices: &[usize]) -> BitMatrix {
         BitMatrix::induced_with(self.graph, vertices, &mut self.place)
     }
@@ -35,3 +40,6 @@ impl<'a, A: Adjacency> Later<'a, A> {
         part
     }
 }
+
+/// Memory that making a list of neighbours takes for each of them.
+const BITS_A_NEIGHBOR: usize = 160;

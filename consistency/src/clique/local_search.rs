@@ -1,24 +1,26 @@
 use std::cmp::Reverse;
 
-use super::rows::BitMatrix;
-use crate::graph::bits;
+use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 
 /// Improves a clique by adding vertices and by swapping one vertex for another: the move that gains most weight, of
 /// equal ones that of the vertex that rested longest. A vertex that was dropped may not return at once.
 ///
-/// Deterministic. A step costs the number of vertices *not* joined to the one that moves.
+/// Stops at a weight of `enough`. Deterministic. A step costs the number of vertices *not* joined to the one that moves.
 ///
 /// **Source**: the plateau moves of Pullan and Hoos, *Dynamic Local Search for the Maximum Clique Problem*, 2006, and
 /// the joined neighbourhoods of Wu, Hao and Glover, *Multi-neighborhood tabu search for the maximum weight clique
 /// problem*, 2012, with fixed rules in place of random ones.
-pub(super) fn improve(matrix: &BitMatrix, weights: &[u64], start: &[usize], steps: usize) -> Vec<usize> {
-    let n = matrix.n;
-    let apart: Vec<Vec<u32>> = (0..n)
-        .map(|v| (0..n).filter(|&u| u != v && !bits::has(matrix.row(v), u)).map(|u| u as u32).collect())
-        .collect();
+pub(super) fn improve(
+    matrix: &BitMatrix,
+    weights: &[u64],
+    start: &[usize],
+    steps: usize,
+    enough: u64,
+) -> Vec<usize> {
+    let n = matrix.len();
     let mut search = LocalSearch {
         weights,
-        apart,
+        apart: matrix.apart(),
         missing: vec![0; n],
         lost: vec![0; n],
         chosen: vec![false; n],
@@ -31,7 +33,7 @@ pub(super) fn improve(matrix: &BitMatrix, weights: &[u64], start: &[usize], step
     };
     search.fit = (0..n as u32).collect();
     start.iter().for_each(|&v| search.add(v));
-    search.run(start, steps)
+    search.run(start, steps, enough)
 }
 
 /// Steps for which a vertex that moved stays where it is.
@@ -57,10 +59,13 @@ struct LocalSearch<'a> {
 }
 
 impl LocalSearch<'_> {
-    fn run(&mut self, start: &[usize], steps: usize) -> Vec<usize> {
+    fn run(&mut self, start: &[usize], steps: usize, enough: u64) -> Vec<usize> {
         let n = self.weights.len();
         let (mut best, mut heaviest) = (start.to_vec(), self.weight);
         for _ in 0..steps {
+            if heaviest >= enough {
+                break;
+            }
             self.now += 1;
             let oldest = |v: &usize| (self.moved[*v], *v);
             let Some(v) = self.best_move().or_else(|| (0..n).filter(|&v| !self.chosen[v]).min_by_key(oldest))

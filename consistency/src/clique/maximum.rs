@@ -6,8 +6,8 @@ use super::fixed_point::FixedPoint;
 use super::greedy::extend;
 use super::later::Later;
 use super::outcome::Outcome;
-use super::rows::{BitMatrix, MAX_WORDS};
-use crate::graph::{Adjacency, Degeneracy, degeneracy};
+use super::rows::MAX_WORDS;
+use crate::graph::{Adjacency, Degeneracy, bit_matrix::BitMatrix, degeneracy_while};
 
 /// A largest clique, proved largest unless the budget ends first.
 ///
@@ -27,7 +27,7 @@ use crate::graph::{Adjacency, Degeneracy, degeneracy};
 /// ```
 pub fn maximum<A: Adjacency>(graph: &A, budget: &Budget) -> Outcome {
     let mut meter = Meter::new(budget);
-    let cores = degeneracy(graph);
+    let cores = degeneracy_while(graph, || meter.look());
     let start = extend(graph, cores.order.iter().rev().copied());
     let upper = cores.core.iter().max().map_or(0, |core| core + 1);
     let better = larger(graph, &cores, start.len(), upper, &mut meter);
@@ -82,9 +82,14 @@ fn larger<A: Adjacency>(
         let rest = known.saturating_sub(1);
         let found = if around.len() <= DENSE_LIMIT {
             dense::larger(&later.matrix(&around), rest, enough - 1, meter)
+        } else if later.is_dense(&around) {
+            let part = later.matrix(&around);
+            let cores = degeneracy_while(&part, || meter.look());
+            larger(&part, &cores, rest, enough - 1, meter)
         } else {
             let part = later.sparse(&around);
-            larger(&part, &degeneracy(&part), rest, enough - 1, meter)
+            let cores = degeneracy_while(&part, || meter.look());
+            larger(&part, &cores, rest, enough - 1, meter)
         };
         if let Some(found) = found {
             known = found.len() + 1;
@@ -147,7 +152,7 @@ fn heavier<A: Adjacency>(graph: &A, weights: &[u64], lower: u64, meter: &mut Met
         let found = dense::heavier(&BitMatrix::induced(graph, &kept), &pick(&kept), lower, u64::MAX, meter)?;
         return Some(found.into_iter().map(|v| kept[v]).collect());
     }
-    let order = degeneracy(graph).order;
+    let order = degeneracy_while(graph, || meter.look()).order;
     let (mut best, mut known) = (None, lower);
     let mut later = Later::new(graph, &order);
     for &v in order.iter().rev() {
@@ -163,6 +168,8 @@ fn heavier<A: Adjacency>(graph: &A, weights: &[u64], lower: u64, meter: &mut Met
         let rest = known.saturating_sub(weights[v]);
         let found = if around.len() <= DENSE_LIMIT {
             dense::heavier(&later.matrix(&around), &available, rest, u64::MAX, meter)
+        } else if later.is_dense(&around) {
+            heavier(&later.matrix(&around), &available, rest, meter)
         } else {
             heavier(&later.sparse(&around), &available, rest, meter)
         };

@@ -43,6 +43,7 @@ impl<const W: usize> Peels<W> {
     /// weights of all of them and of the vertex one is not needed.
     ///
     /// `adjacent` rows hold their own vertex too.
+    #[inline(always)]
     pub(super) fn branching(
         &mut self,
         adjacent: &[Set<W>],
@@ -92,6 +93,7 @@ impl<const W: usize> Peels<W> {
     }
 
     /// Whether the sets can pay for what is left of `v`; if not, nothing is spent.
+    #[inline(always)]
     fn pays(&mut self, adjacent: &[Set<W>], v: usize) -> bool {
         self.changes.clear();
         let mut open = self.residual[v];
@@ -116,6 +118,7 @@ impl<const W: usize> Peels<W> {
     }
 
     /// Adds `v` to a set none of whose members it is joined to, for a weight of at most `open`.
+    #[inline(always)]
     fn cover(&mut self, set: usize, v: usize, open: u64) -> u64 {
         let weight = open.min(self.left[set]);
         if weight < self.left[set] {
@@ -132,6 +135,7 @@ impl<const W: usize> Peels<W> {
         weight
     }
 
+    #[inline(always)]
     fn spend(&mut self, weight: u64) {
         self.cores.core.sort_unstable();
         for i in (0..self.cores.core.len()).rev() {
@@ -146,12 +150,14 @@ impl<const W: usize> Peels<W> {
         }
     }
 
+    #[inline(always)]
     fn swap(&mut self, a: usize, b: usize) {
         self.sets.swap(a, b);
         self.left.swap(a, b);
     }
 
     /// Undoes what was done for `v`, and takes it out of all sets: it will be branched on.
+    #[inline(always)]
     fn take_back(&mut self, v: usize) {
         while let Some(change) = self.changes.pop() {
             match change {

@@ -3,7 +3,8 @@
 use super::budget::Meter;
 use super::cover::Cover;
 use super::incumbent::Incumbent;
-use super::rows::{BitMatrix, Set, and, and_not, count, drop, first, full, is_empty, put, with_width};
+use super::rows::{Set, and, and_not, closed, count, drop, first, full, is_empty, put, with_width};
+use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 
 /// What is searched: a graph in the order of colouring, and the weight of each vertex.
 #[derive(Clone, Copy)]
@@ -22,7 +23,7 @@ pub(super) fn search(
     rival: Option<Rival<'_>>,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    with_width!(problem.matrix.words, search_wide(problem, lower, enough, rival, meter))
+    with_width!(problem.matrix.words(), search_wide(problem, lower, enough, rival, meter))
 }
 
 fn search_wide<const W: usize>(
@@ -32,20 +33,45 @@ fn search_wide<const W: usize>(
     rival: Option<Rival<'_>>,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let mut search = Search {
-        adjacent: problem.matrix.closed::<W>(),
-        problem,
-        cover: Cover::new(problem.counted),
-        best: lower,
-        enough,
-        found: None,
-        path: Vec::new(),
-        weight: 0,
-        rival,
-        meter,
-    };
-    search.expand(full(problem.matrix.n));
-    search.found
+    let adjacent = closed::<W>(problem.matrix);
+    let within = Within { adjacent: &adjacent, weights: problem.weights, counted: problem.counted };
+    let cover = &mut Cover::new(problem.counted);
+    within.search(full(problem.matrix.len()), lower, enough, rival, cover, meter)
+}
+
+/// What is searched, in rows that hold their own vertex too.
+#[derive(Clone, Copy)]
+pub(super) struct Within<'a, const W: usize> {
+    pub(super) adjacent: &'a [Set<W>],
+    pub(super) weights: &'a [u64],
+    pub(super) counted: bool,
+}
+
+impl<const W: usize> Within<'_, W> {
+    /// A clique of `candidates` heavier than `lower`: the heaviest, or the first of at least `enough`; or `None`.
+    pub(super) fn search(
+        self,
+        candidates: Set<W>,
+        lower: u64,
+        enough: u64,
+        rival: Option<Rival<'_>>,
+        cover: &mut Cover<W>,
+        meter: &mut Meter,
+    ) -> Option<Vec<usize>> {
+        let mut search = Search {
+            within: self,
+            cover,
+            best: lower,
+            enough,
+            found: None,
+            path: Vec::new(),
+            weight: 0,
+            rival,
+            meter,
+        };
+        search.expand(candidates);
+        search.found
+    }
 }
 
 /// Searches of other parts of the same graph, whose cliques count here too.
@@ -58,10 +84,8 @@ pub(super) struct Rival<'a> {
 }
 
 struct Search<'a, const W: usize> {
-    /// Rows hold their own vertex too.
-    adjacent: Vec<Set<W>>,
-    problem: Problem<'a>,
-    cover: Cover<W>,
+    within: Within<'a, W>,
+    cover: &'a mut Cover<W>,
     best: u64,
     enough: u64,
     found: Option<Vec<usize>>,
@@ -77,24 +101,25 @@ impl<const W: usize> Search<'_, W> {
             return;
         }
         let missing = self.best - self.weight;
-        let mut branching = self.cover.branching(&self.adjacent, self.problem.weights, candidates, missing);
+        let Within { adjacent, weights, counted } = self.within;
+        let mut branching = self.cover.branching(adjacent, weights, candidates, missing);
         let mut open = and_not(&candidates, &branching);
         while let Some(v) = first(&branching) {
             drop(&mut branching, v);
-            let next = and(&open, &self.adjacent[v]);
+            let next = and(&open, &adjacent[v]);
             put(&mut open, v);
-            if self.problem.counted && self.weight + 1 + u64::from(count(&next)) <= self.best {
+            if counted && self.weight + 1 + u64::from(count(&next)) <= self.best {
                 continue;
             }
             self.path.push(v);
-            self.weight += self.problem.weights[v];
+            self.weight += weights[v];
             if self.weight > self.best {
                 self.record();
             }
             if !is_empty(&next) {
                 self.expand(next);
             }
-            self.weight -= self.problem.weights[v];
+            self.weight -= weights[v];
             self.path.pop();
         }
     }

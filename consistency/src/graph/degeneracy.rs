@@ -13,6 +13,11 @@ pub struct Degeneracy {
 ///
 /// **Source**: Batagelj and Zaveršnik, *An O(m) algorithm for cores decomposition of networks*, 2003.
 pub fn degeneracy<A: Adjacency>(graph: &A) -> Degeneracy {
+    degeneracy_while(graph, || true)
+}
+
+/// The same as long as `go_on` says so; then vertices left keep their order, and bounds that are too large.
+pub(crate) fn degeneracy_while<A: Adjacency>(graph: &A, mut go_on: impl FnMut() -> bool) -> Degeneracy {
     let n = graph.len();
     let mut degree: Vec<usize> = (0..n).map(|v| graph.degree(v)).collect();
     let largest = degree.iter().copied().max().unwrap_or(0);
@@ -32,6 +37,9 @@ pub fn degeneracy<A: Adjacency>(graph: &A) -> Degeneracy {
     }
 
     for i in 0..n {
+        if !go_on() {
+            break;
+        }
         let v = order[i];
         for u in graph.neighbors(v) {
             if degree[u] > degree[v] {
@@ -59,5 +67,19 @@ mod tests {
         assert_eq!(found.core, [2, 2, 2, 1, 0]);
         assert_eq!(found.order[0], 4);
         assert_eq!(found.order[1], 3);
+    }
+
+    #[test]
+    fn core_numbers_of_a_stopped_run_are_bounds() {
+        let graph = Graph::from_edges(5, [(0, 1), (1, 2), (2, 0), (2, 3)]).unwrap();
+        for steps in 0..5 {
+            let mut left = steps;
+            let stopped = degeneracy_while(&graph, || {
+                left -= 1;
+                left >= 0
+            });
+            let full = degeneracy(&graph);
+            assert!(stopped.core.iter().zip(&full.core).all(|(bound, core)| bound >= core), "{steps}");
+        }
     }
 }

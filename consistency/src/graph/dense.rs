@@ -1,6 +1,6 @@
 use petgraph::visit::{EdgeRef, IntoEdgeReferences, NodeIndexable};
 
-use super::{Adjacency, SparseGraph, bits};
+use super::{Adjacency, SparseGraph, bit_matrix::BitMatrix, bits};
 use crate::Error;
 
 /// Undirected graph with one row of bits a vertex and a weight a vertex.
@@ -8,9 +8,7 @@ use crate::Error;
 /// Memory is `n²/8` bytes, so at most [`Graph::MAX_VERTICES`] vertices; asking for an edge is one bit test.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Graph {
-    vertices: usize,
-    words: usize,
-    rows: Vec<u64>,
+    edges: BitMatrix,
     weights: Vec<f64>,
 }
 
@@ -26,8 +24,7 @@ impl Graph {
         if vertices > Self::MAX_VERTICES {
             return Err(Error::TooManyVertices { vertices, limit: Self::MAX_VERTICES });
         }
-        let words = bits::words_for(vertices);
-        Ok(Self { vertices, words, rows: vec![0; vertices * words], weights: vec![1.0; vertices] })
+        Ok(Self { edges: BitMatrix::new(vertices), weights: vec![1.0; vertices] })
     }
 
     /// A graph of `vertices` vertices with these edges; naming an edge twice, in either direction, is harmless.
@@ -68,11 +65,8 @@ impl Graph {
     /// [`Error::TooManyVertices`].
     pub fn from_sparse(sparse: &SparseGraph) -> Result<Self, Error> {
         let mut graph = Self::new(sparse.len())?;
-        for a in 0..sparse.len() {
-            let row = &mut graph.rows[a * graph.words..(a + 1) * graph.words];
-            sparse.neighbors(a).for_each(|b| bits::insert(row, b));
-            graph.weights[a] = sparse.weight(a);
-        }
+        graph.edges = BitMatrix::of(sparse);
+        graph.weights = (0..sparse.len()).map(|v| sparse.weight(v)).collect();
         Ok(graph)
     }
 
@@ -81,8 +75,8 @@ impl Graph {
     /// # Errors
     /// [`Error::LengthMismatch`], [`Error::BadWeight`].
     pub fn with_weights(mut self, weights: &[f64]) -> Result<Self, Error> {
-        if weights.len() != self.vertices {
-            return Err(Error::LengthMismatch { given: weights.len(), expected: self.vertices });
+        if weights.len() != self.len() {
+            return Err(Error::LengthMismatch { given: weights.len(), expected: self.len() });
         }
         for (vertex, &weight) in weights.iter().enumerate() {
             self.set_weight(vertex, weight)?;
@@ -108,28 +102,13 @@ impl Graph {
     /// # Errors
     /// [`Error::TooManyVertices`].
     pub fn add_vertex(&mut self) -> Result<usize, Error> {
-        let vertex = self.vertices;
+        let vertex = self.len();
         if vertex >= Self::MAX_VERTICES {
             return Err(Error::TooManyVertices { vertices: vertex + 1, limit: Self::MAX_VERTICES });
         }
-        if bits::words_for(vertex + 1) > self.words {
-            self.widen((2 * self.words).max(1));
-        }
-        self.vertices += 1;
-        self.rows.resize(self.vertices * self.words, 0);
+        self.edges.push();
         self.weights.push(1.0);
         Ok(vertex)
-    }
-
-    fn widen(&mut self, words: usize) {
-        let mut rows = vec![0; self.vertices * words];
-        if self.words > 0 {
-            for (wide, narrow) in rows.chunks_exact_mut(words).zip(self.rows.chunks_exact(self.words)) {
-                wide[..self.words].copy_from_slice(narrow);
-            }
-        }
-        self.rows = rows;
-        self.words = words;
     }
 
     /// Joins `a` and `b`; says whether the edge is new.
@@ -143,8 +122,7 @@ impl Graph {
             return Err(Error::SelfLoop { vertex: a });
         }
         let new = !self.has_edge(a, b);
-        bits::insert(&mut self.rows[a * self.words..], b);
-        bits::insert(&mut self.rows[b * self.words..], a);
+        self.edges.join(a, b);
         Ok(new)
     }
 
@@ -156,14 +134,13 @@ impl Graph {
         self.check(a)?;
         self.check(b)?;
         let had = self.has_edge(a, b);
-        bits::remove(&mut self.rows[a * self.words..], b);
-        bits::remove(&mut self.rows[b * self.words..], a);
+        self.edges.part(a, b);
         Ok(had)
     }
 
     /// Share of the vertex pairs that are joined; zero below two vertices.
     pub fn density(&self) -> f64 {
-        let pairs = self.vertices as f64 * (self.vertices as f64 - 1.0) / 2.0;
+        let pairs = self.len() as f64 * (self.len() as f64 - 1.0) / 2.0;
         if pairs > 0.0 { self.edge_count() as f64 / pairs } else { 0.0 }
     }
 
@@ -178,47 +155,51 @@ impl Graph {
         let mut part = Self::new(vertices.len())?;
         for (i, &a) in vertices.iter().enumerate() {
             part.weights[i] = self.weights[a];
-            let row = &mut part.rows[i * part.words..(i + 1) * part.words];
-            for (j, &b) in vertices.iter().enumerate() {
-                if self.has_edge(a, b) {
-                    bits::insert(row, j);
-                }
+            for j in (0..i).filter(|&j| self.has_edge(a, vertices[j])) {
+                part.edges.join(i, j);
             }
         }
         Ok(part)
     }
 
     /// Neighbours of `vertex` as a set of bits, bit `j` of word `j / 64`; empty for an unknown vertex.
+    #[inline]
     pub fn row(&self, vertex: usize) -> &[u64] {
-        if vertex < self.vertices { &self.rows[vertex * self.words..(vertex + 1) * self.words] } else { &[] }
+        if vertex < self.len() { self.edges.row(vertex) } else { &[] }
+    }
+
+    /// The edges alone.
+    pub(crate) fn matrix(&self) -> &BitMatrix {
+        &self.edges
     }
 
     fn check(&self, vertex: usize) -> Result<(), Error> {
-        if vertex < self.vertices {
-            Ok(())
-        } else {
-            Err(Error::UnknownVertex { vertex, vertices: self.vertices })
-        }
+        if vertex < self.len() { Ok(()) } else { Err(Error::UnknownVertex { vertex, vertices: self.len() }) }
     }
 }
 
 impl Adjacency for Graph {
+    #[inline]
     fn len(&self) -> usize {
-        self.vertices
+        self.edges.len()
     }
 
+    #[inline]
     fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> + '_ {
         bits::iter(self.row(vertex))
     }
 
+    #[inline]
     fn degree(&self, vertex: usize) -> usize {
         bits::count(self.row(vertex))
     }
 
+    #[inline]
     fn has_edge(&self, a: usize, b: usize) -> bool {
         bits::has(self.row(a), b)
     }
 
+    #[inline]
     fn weight(&self, vertex: usize) -> f64 {
         self.weights.get(vertex).copied().unwrap_or(0.0)
     }

@@ -22,18 +22,21 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
     let mut vertices = None;
     let mut edges = Vec::new();
     let mut weights: Vec<(usize, f64)> = Vec::new();
-    for (index, content) in text.lines().enumerate() {
-        let line = index + 1;
+    let (mut at, mut line) = (0, 0);
+    while at < text.len() {
+        line += 1;
         // Nearly all lines are sound edges; all others take the long way, which names what is wrong.
-        if let (Some(n), Some(rest)) = (vertices, content.strip_prefix("e "))
-            && let Some((u, v)) = super::matrix_market::two_numbers(rest)
+        if let (Some(n), Some((u, v, length))) = (vertices, edge(&text.as_bytes()[at..]))
             && u != v
             && (1..=n).contains(&u)
             && (1..=n).contains(&v)
         {
             edges.push((u - 1, v - 1));
+            at += length;
             continue;
         }
+        let content = text[at..].lines().next().unwrap_or_default();
+        at = text[at..].find('\n').map_or(text.len(), |end| at + end + 1);
         let fail = |reason: &str| Error::Parse { line, reason: reason.into() };
         let mut words = content.split_whitespace();
         match words.next() {
@@ -74,6 +77,30 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
     graph.with_weights(&all)
 }
 
+/// The numbers of a plain line `e u v` at the front of `text`, and the length of that line with its end.
+fn edge(text: &[u8]) -> Option<(usize, usize, usize)> {
+    let mut at = text.starts_with(b"e ").then_some(2)?;
+    let u = decimal(text, &mut at)?;
+    at += usize::from(text.get(at) == Some(&b' '));
+    let v = decimal(text, &mut at)?;
+    at += usize::from(text.get(at) == Some(&b'\r'));
+    matches!(text.get(at), None | Some(b'\n')).then_some((u, v, at + 1))
+}
+
+/// The decimal number at `at`, which moves behind it; `None` if there is none, or a long one.
+fn decimal(text: &[u8], at: &mut usize) -> Option<usize> {
+    const DIGITS: usize = 9;
+    let (mut value, start) = (0, *at);
+    while let Some(digit) = text.get(*at).filter(|byte| byte.is_ascii_digit()) {
+        value = 10 * value + usize::from(digit - b'0');
+        *at += 1;
+        if *at - start > DIGITS {
+            return None;
+        }
+    }
+    (*at > start).then_some(value)
+}
+
 /// Largest number of vertices a file may declare: a hostile header must not exhaust the memory.
 pub(super) const MAX_VERTICES: usize = 1 << 24;
 
@@ -86,6 +113,14 @@ mod tests {
     fn reads_edges_once_and_weights() {
         let graph = dimacs("c hi\np edge 3 9\ne 1 2\r\ne 2 1\n\ne 2 3\nn 3 2.5\n").unwrap();
         assert_eq!((graph.len(), graph.edge_count(), graph.weight(2)), (3, 2, 2.5));
+    }
+
+    #[test]
+    fn plain_and_odd_edge_lines_give_the_same_graph() {
+        let odd = dimacs("p edge 12 3\n e  1\t2 \ne 12 3\r\ne 0000000004 5\ne 6 7").unwrap();
+        let plain = dimacs("p edge 12 3\ne 1 2\ne 12 3\ne 4 5\ne 6 7\n").unwrap();
+        assert_eq!(odd, plain);
+        assert!(dimacs("p edge 20 1\ne 12").is_err() && dimacs("p edge 20 1\ne 1 2 x").is_ok());
     }
 
     #[test]

@@ -78,7 +78,7 @@ pub(super) fn read_text(path: &Path) -> Result<String, Error> {
 }
 
 /// Two short decimal numbers with a space between them and nothing else on the line, or `None`.
-pub(super) fn two_numbers(content: &str) -> Option<(usize, usize)> {
+fn two_numbers(content: &str) -> Option<(usize, usize)> {
     let (first, second) = content.split_once(' ')?;
     let decimal = |digits: &str| {
         if digits.is_empty() || digits.len() > 9 {

@@ -5,6 +5,7 @@
 //! functions take both through [`Adjacency`]. [`dimacs`] and [`matrix_market`] read the usual benchmark files.
 
 mod adjacency;
+pub(crate) mod bit_matrix;
 pub(crate) mod bits;
 mod degeneracy;
 mod dense;
@@ -15,6 +16,7 @@ mod matrix_market;
 mod sparse;
 
 pub use adjacency::Adjacency;
+pub(crate) use degeneracy::degeneracy_while;
 pub use degeneracy::{Degeneracy, degeneracy};
 pub use dense::Graph;
 pub use dimacs::{dimacs, read_dimacs};

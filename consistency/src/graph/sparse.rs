@@ -91,6 +91,7 @@ impl SparseGraph {
         Ok(self)
     }
 
+    #[inline]
     fn list(&self, vertex: usize) -> &[u32] {
         if vertex < self.len() { &self.neighbors[self.starts[vertex]..self.starts[vertex + 1]] } else { &[] }
     }
@@ -107,23 +108,28 @@ fn starts(keys: usize, elements: impl Iterator<Item = u32>) -> Vec<usize> {
 }
 
 impl Adjacency for SparseGraph {
+    #[inline]
     fn len(&self) -> usize {
         self.weights.len()
     }
 
+    #[inline]
     fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> + '_ {
         self.list(vertex).iter().map(|&v| v as usize)
     }
 
+    #[inline]
     fn degree(&self, vertex: usize) -> usize {
         self.list(vertex).len()
     }
 
+    #[inline]
     fn has_edge(&self, a: usize, b: usize) -> bool {
         let (a, b) = if self.degree(a) <= self.degree(b) { (a, b) } else { (b, a) };
         u32::try_from(b).is_ok_and(|b| self.list(a).binary_search(&b).is_ok())
     }
 
+    #[inline]
     fn weight(&self, vertex: usize) -> f64 {
         self.weights.get(vertex).copied().unwrap_or(0.0)
     }

@@ -1,0 +1,48 @@
+//! Orders of colouring, and which vertices matter.
+
+use crate::graph::{Adjacency, bit_matrix::BitMatrix, degeneracy};
+
+/// The order of colouring: vertices of the densest core first; with weights, those that keep the heaviest
+/// neighbourhoods when the one with the lightest leaves again and again.
+pub(super) fn order(matrix: &BitMatrix, weights: &[u64]) -> Vec<usize> {
+    let counted = weights.iter().all(|&w| w == 1);
+    let mut order = if counted { degeneracy(matrix).order } else { order_by_weight(matrix, weights) };
+    order.reverse();
+    order
+}
+
+fn order_by_weight(matrix: &BitMatrix, weights: &[u64]) -> Vec<usize> {
+    let mut around: Vec<u64> = (0..matrix.len()).map(|v| weight_around(matrix, weights, v)).collect();
+    let mut left: Vec<usize> = (0..matrix.len()).collect();
+    let mut order = Vec::with_capacity(matrix.len());
+    while let Some(at) = (0..left.len()).min_by_key(|&i| (around[left[i]], left[i])) {
+        let v = left.swap_remove(at);
+        matrix.neighbors(v).for_each(|u| around[u] = around[u].saturating_sub(weights[v]));
+        order.push(v);
+    }
+    order
+}
+
+/// Weight of all neighbours.
+fn weight_around(matrix: &BitMatrix, weights: &[u64], v: usize) -> u64 {
+    matrix.neighbors(v).map(|u| weights[u]).sum()
+}
+
+/// The order without vertices that are in no clique heavier than `lower`.
+pub(super) fn order_above(matrix: &BitMatrix, weights: &[u64], lower: u64) -> Vec<usize> {
+    let mut order = order(matrix, weights);
+    if weights.iter().all(|&w| w == 1) {
+        order.retain(|&v| 1 + matrix.degree(v) as u64 > lower);
+    } else {
+        order.retain(|&v| weights[v] > 0 && weights[v] + weight_around(matrix, weights, v) > lower);
+    }
+    order
+}
+
+/// Share of the vertex pairs that are joined, about.
+pub(super) fn density(matrix: &BitMatrix) -> f64 {
+    2.0 * matrix.edge_count() as f64 / (matrix.len() * matrix.len()).max(1) as f64
+}
+
+/// Density from which a search is so much work that better orders and starts are worth their cost.
+pub(super) const DENSE: f64 = 0.6;

@@ -1,0 +1,159 @@
+use super::{Adjacency, bits};
+
+/// Square matrix of bits, symmetric and empty on its diagonal: edges alone, one row a vertex.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct BitMatrix {
+    vertices: usize,
+    words: usize,
+    rows: Vec<u64>,
+}
+
+impl BitMatrix {
+    pub(crate) fn new(vertices: usize) -> Self {
+        let words = bits::words_for(vertices);
+        Self { vertices, words, rows: vec![0; vertices * words] }
+    }
+
+    /// Words of a row.
+    pub(crate) fn words(&self) -> usize {
+        self.words
+    }
+
+    /// Neighbours of a known vertex as a set of bits.
+    #[inline]
+    pub(crate) fn row(&self, v: usize) -> &[u64] {
+        &self.rows[v * self.words..(v + 1) * self.words]
+    }
+
+    fn row_mut(&mut self, v: usize) -> &mut [u64] {
+        &mut self.rows[v * self.words..(v + 1) * self.words]
+    }
+
+    /// Joins two known vertices.
+    pub(crate) fn join(&mut self, a: usize, b: usize) {
+        bits::insert(self.row_mut(a), b);
+        bits::insert(self.row_mut(b), a);
+    }
+
+    /// Parts two known vertices.
+    pub(crate) fn part(&mut self, a: usize, b: usize) {
+        bits::remove(self.row_mut(a), b);
+        bits::remove(self.row_mut(b), a);
+    }
+
+    /// Adds a vertex without edges. Amortised cost `O(n/64)`.
+    pub(crate) fn push(&mut self) {
+        if bits::words_for(self.vertices + 1) > self.words {
+            self.widen((2 * self.words).max(1));
+        }
+        self.vertices += 1;
+        self.rows.resize(self.vertices * self.words, 0);
+    }
+
+    fn widen(&mut self, words: usize) {
+        let mut rows = vec![0; self.vertices * words];
+        if self.words > 0 {
+            for (wide, narrow) in rows.chunks_exact_mut(words).zip(self.rows.chunks_exact(self.words)) {
+                wide[..self.words].copy_from_slice(narrow);
+            }
+        }
+        self.rows = rows;
+        self.words = words;
+    }
+
+    /// Any graph as bit rows.
+    pub(crate) fn of<A: Adjacency>(graph: &A) -> Self {
+        let mut matrix = Self::new(graph.len());
+        for v in 0..graph.len() {
+            let row = matrix.row_mut(v);
+            graph.neighbors(v).for_each(|u| bits::insert(row, u));
+        }
+        matrix
+    }
+
+    /// The graph that `graph` induces on `vertices`, in their order.
+    pub(crate) fn induced<A: Adjacency>(graph: &A, vertices: &[usize]) -> Self {
+        Self::induced_with(graph, vertices, &mut vec![u32::MAX; graph.len()])
+    }
+
+    /// The same with scratch: `place` is `u32::MAX` for every vertex, before and after.
+    pub(crate) fn induced_with<A: Adjacency>(graph: &A, vertices: &[usize], place: &mut [u32]) -> Self {
+        vertices.iter().enumerate().for_each(|(i, &v)| place[v] = i as u32);
+        let mut matrix = Self::new(vertices.len());
+        for (i, &v) in vertices.iter().enumerate() {
+            let row = matrix.row_mut(i);
+            for u in graph.neighbors(v).filter(|&u| place[u] != u32::MAX) {
+                bits::insert(row, place[u] as usize);
+            }
+        }
+        vertices.iter().for_each(|&v| place[v] = u32::MAX);
+        matrix
+    }
+
+    /// The graph that this one induces on `vertices`, in their order.
+    pub(crate) fn select(&self, vertices: &[usize]) -> Self {
+        Self::gather(64 * self.words, vertices, |v| self.row(v))
+    }
+
+    /// The same out of rows kept elsewhere, whose own bit may be set; `width` is one more than their largest member.
+    pub(crate) fn gather<'a>(width: usize, vertices: &[usize], row: impl Fn(usize) -> &'a [u64]) -> Self {
+        let mut place = vec![0u32; width];
+        let mut inside = vec![0; bits::words_for(width)];
+        for (i, &v) in vertices.iter().enumerate() {
+            place[v] = i as u32;
+            bits::insert(&mut inside, v);
+        }
+        let mut part = Self::new(vertices.len());
+        for (i, &v) in vertices.iter().enumerate() {
+            let own = part.row_mut(i);
+            for (block, (word, mask)) in row(v).iter().zip(&inside).enumerate() {
+                let mut rest = word & mask;
+                while rest != 0 {
+                    bits::insert(own, place[64 * block + rest.trailing_zeros() as usize] as usize);
+                    rest &= rest - 1;
+                }
+            }
+            bits::remove(own, i);
+        }
+        part
+    }
+
+    /// Vertices not joined to each vertex, without itself.
+    pub(crate) fn apart(&self) -> Vec<Vec<u32>> {
+        let rows = (0..self.vertices).map(|v| {
+            let missing = self.row(v).iter().enumerate().flat_map(|(block, &word)| {
+                let missing = bits::iter_word(!word).map(move |bit| 64 * block + bit);
+                missing.filter(|&u| u < self.vertices && u != v)
+            });
+            missing.map(|u| u as u32).collect()
+        });
+        rows.collect()
+    }
+}
+
+impl Adjacency for BitMatrix {
+    #[inline]
+    fn len(&self) -> usize {
+        self.vertices
+    }
+
+    #[inline]
+    fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> + '_ {
+        bits::iter(self.row(vertex))
+    }
+
+    #[inline]
+    fn degree(&self, vertex: usize) -> usize {
+        bits::count(self.row(vertex))
+    }
+
+    #[inline]
+    fn has_edge(&self, a: usize, b: usize) -> bool {
+        bits::has(self.row(a), b)
+    }
+
+    #[inline]
+    fn weight(&self, _: usize) -> f64 {
+        1.0
+    }
+}
