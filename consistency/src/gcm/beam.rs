@@ -31,8 +31,14 @@ pub(crate) struct Hypothesis<const N: usize> {
     slip_counts: Vec<u32>,
     sound_counts: SoundCounts,
     rows: Vec<Rc<Row<N>>>,
-    /// `L⁻¹ E_j S_T` of each slip `j`, the blocks from the vote that opened it on.
-    slip_columns: Vec<Vec<SMatrix<f64, N, N>>>,
+    slips: Vec<Slip<N>>,
+}
+
+/// What the votes so far tell of one slip.
+#[derive(Debug, Clone, Copy)]
+struct Slip<const N: usize> {
+    mean: SVector<f64, N>,
+    covariance: SMatrix<f64, N, N>,
 }
 
 /// One block row of the Cholesky factor of `K_H`, with its part of `y = L⁻¹ ρ`.
@@ -42,6 +48,8 @@ struct Row<const N: usize> {
     w: Vec<SMatrix<f64, N, N>>,
     diagonal: SMatrix<f64, N, N>,
     y: SVector<f64, N>,
+    /// Its block of `L⁻¹ E_j S_T` for each slip `j` that was open then.
+    slips: Vec<SMatrix<f64, N, N>>,
 }
 
 /// The surviving hypotheses.
@@ -62,10 +70,28 @@ struct Child<const N: usize> {
     y: SVector<f64, N>,
 }
 
+/// The next vote `t` given the rows of one hypothesis, before its own state is known.
+#[derive(Debug, Clone)]
+struct Forward<const N: usize> {
+    /// `w = L⁻¹ K_·t`.
+    w: Vec<SMatrix<f64, N, N>>,
+    /// After each row, how the vote's covariance, residual and covariance with each slip then open stand.
+    after: Vec<Given<N>>,
+}
+
+/// A vote given some rows.
+#[derive(Debug, Clone)]
+struct Given<const N: usize> {
+    covariance: SMatrix<f64, N, N>,
+    residual: SVector<f64, N>,
+    /// Minus `Cov(τ_j, ρ_t)`, transposed.
+    with_slips: Vec<SMatrix<f64, N, N>>,
+}
+
 /// Searches the states of all votes, best first and a limited number at a time. With an unlimited beam it is exact.
 ///
 /// Adding vote `t` costs one forward substitution a hypothesis: the row of `L` but for shared slips is the same for
-/// all its states, and a shared slip adds a column kept with the hypothesis. Hypotheses that agree on a prefix of
+/// all its states, and a shared slip adds a column kept with the rows. Hypotheses that agree on a prefix of
 /// states share those rows of `L`, and the substitution starts where they part.
 ///
 /// # Errors
@@ -82,7 +108,7 @@ pub(crate) fn search<const N: usize, G: Pose<N>>(
         slip_counts: Vec::new(),
         sound_counts: SoundCounts::default(),
         rows: Vec::new(),
-        slip_columns: Vec::new(),
+        slips: Vec::new(),
     };
     let mut beam = Beam { hypotheses: vec![root], dropped: f64::NEG_INFINITY };
     for t in 0..votes.list.len() {
@@ -114,14 +140,14 @@ impl<const N: usize> Beam<N> {
 
     fn extend(&mut self, votes: &Votes<N>, params: &GcmParams, width: usize, t: usize) -> Result<(), Error> {
         let mut children: Vec<Child<N>> = Vec::new();
-        let mut bases: Vec<Rc<Vec<SMatrix<f64, N, N>>>> = Vec::with_capacity(self.hypotheses.len());
-        let mut w: Vec<SMatrix<f64, N, N>> = Vec::new();
+        let mut bases = Vec::with_capacity(self.hypotheses.len());
+        let mut forward = Forward { w: Vec::with_capacity(t), after: Vec::with_capacity(t + 1) };
         for (parent, hypothesis) in self.hypotheses.iter().enumerate() {
             let shared = parent.checked_sub(1).map_or(0, |p| common_rows(&self.hypotheses[p], hypothesis));
-            w.truncate(shared);
-            hypothesis.forward(votes, t, &mut w);
-            hypothesis.children(votes, params, t, parent, &w, &mut children);
-            bases.push(Rc::new(w.clone()));
+            forward.go_on(votes, t, shared, &hypothesis.rows);
+            let Some(given) = forward.after.last() else { continue };
+            hypothesis.children(votes, params, t, parent, given, &mut children);
+            bases.push((forward.w.clone(), given.with_slips.clone()));
         }
         if children.is_empty() {
             return Err(votes.list[t].singular());
@@ -158,36 +184,60 @@ fn common_rows<const N: usize>(a: &Hypothesis<N>, b: &Hypothesis<N>) -> usize {
     a.rows.iter().zip(&b.rows).take_while(|(a, b)| Rc::ptr_eq(a, b)).count()
 }
 
-impl<const N: usize> Hypothesis<N> {
-    /// Completes `w = L⁻¹ K_·t` (states' own parts left out) from block `w.len()` on.
-    fn forward(&self, votes: &Votes<N>, t: usize, w: &mut Vec<SMatrix<f64, N, N>>) {
-        for s in w.len()..t {
-            let row = &self.rows[s];
-            let mut rest = votes.block(t, s).transpose();
-            for (left, above) in row.w.iter().zip(w.iter()) {
-                rest.gemm_tr(-1.0, left, above, 1.0);
-            }
-            row.diagonal.solve_lower_triangular_mut(&mut rest);
-            w.push(rest);
+/// `target -= aᵀ b`, unrolled.
+fn subtract_product<const N: usize>(
+    target: &mut SMatrix<f64, N, N>,
+    a: &SMatrix<f64, N, N>,
+    b: &SMatrix<f64, N, N>,
+) {
+    for (column, of_b) in target.data.0.iter_mut().zip(&b.data.0) {
+        for (entry, of_a) in column.iter_mut().zip(&a.data.0) {
+            *entry -= of_a.iter().zip(of_b).map(|(x, y)| x * y).sum::<f64>();
         }
     }
+}
 
+impl<const N: usize> Forward<N> {
+    /// Vote `t` given `rows`, of which the first `shared` are those of the last call.
+    fn go_on(&mut self, votes: &Votes<N>, t: usize, shared: usize, rows: &[Rc<Row<N>>]) {
+        self.w.truncate(shared);
+        self.after.truncate(shared + 1);
+        if self.after.is_empty() {
+            let (covariance, residual) = (*votes.block(t, t), votes.list[t].rho);
+            self.after.push(Given { covariance, residual, with_slips: Vec::new() });
+        }
+        for s in self.w.len()..t {
+            let row = &rows[s];
+            let mut w = votes.block(t, s).transpose();
+            for (left, above) in row.w.iter().zip(&self.w) {
+                subtract_product(&mut w, left, above);
+            }
+            row.diagonal.solve_lower_triangular_mut(&mut w);
+            let mut given = self.after[s].clone();
+            subtract_product(&mut given.covariance, &w, &w);
+            given.residual.gemv_tr(-1.0, &w, &row.y, 1.0);
+            given.with_slips.resize(row.slips.len(), SMatrix::zeros());
+            for (cross, u) in given.with_slips.iter_mut().zip(&row.slips) {
+                subtract_product(cross, &w, u);
+            }
+            self.w.push(w);
+            self.after.push(given);
+        }
+    }
+}
+
+impl<const N: usize> Hypothesis<N> {
     fn children(
         &self,
         votes: &Votes<N>,
         params: &GcmParams,
         t: usize,
         parent: usize,
-        w: &[SMatrix<f64, N, N>],
+        given: &Given<N>,
         children: &mut Vec<Child<N>>,
     ) {
         let vote = &votes.list[t];
-        let mut covariance = *votes.block(t, t);
-        let mut residual = vote.rho;
-        for (block, row) in w.iter().zip(&self.rows) {
-            covariance.gemm_tr(-1.0, block, block, 1.0);
-            residual.gemv_tr(-1.0, block, &row.y, 1.0);
-        }
+        let Given { covariance, residual, with_slips } = given;
         let mut push = |state, log_prior: f64, covariance, residual: &SVector<f64, N>| {
             if let Some((density, diagonal, y)) = log_normal(&covariance, residual) {
                 children.push(Child { parent, state, score: self.score + log_prior + density, diagonal, y });
@@ -195,8 +245,8 @@ impl<const N: usize> Hypothesis<N> {
         };
         match &vote.kind {
             Kind::Prior { bad } => {
-                push(State::Good, params.prior_sound.ln(), covariance, &residual);
-                push(State::BadPrior, (1.0 - params.prior_sound).ln(), covariance + bad, &residual);
+                push(State::Good, params.prior_sound.ln(), *covariance, residual);
+                push(State::BadPrior, (1.0 - params.prior_sound).ln(), covariance + bad, residual);
             }
             Kind::Cluster { single, spike, yaw, gross, elsewhere, neighbor, .. } => {
                 let prior = StatePrior::new(
@@ -206,71 +256,83 @@ impl<const N: usize> Hypothesis<N> {
                     &self.sound_counts,
                     neighbor.map(|(v, k)| (self.states[v], k)),
                 );
-                push(State::Good, prior.log(State::Good), covariance + spike, &residual);
-                push(State::YawSlip, prior.log(State::YawSlip), covariance + yaw, &residual);
-                push(State::Gross, prior.log(State::Gross), covariance + gross, &residual);
-                push(State::Elsewhere, prior.log(State::Elsewhere), covariance + elsewhere, &residual);
+                push(State::Good, prior.log(State::Good), covariance + spike, residual);
+                push(State::YawSlip, prior.log(State::YawSlip), covariance + yaw, residual);
+                push(State::Gross, prior.log(State::Gross), covariance + gross, residual);
+                push(State::Elsewhere, prior.log(State::Elsewhere), covariance + elsewhere, residual);
                 // harmless bias is common to slipped groups too; without it equal slips would fit better than truth
-                let slipped = covariance + spike + votes.slip;
-                for (j, column) in self.slip_columns.iter().enumerate() {
-                    let start = t - column.len();
-                    let mut shared = slipped;
-                    let mut shifted = residual;
-                    for ((u, w), row) in column.iter().zip(&w[start..]).zip(&self.rows[start..]) {
-                        let cross = w.tr_mul(u);
-                        shared -= cross + cross.transpose() + u.tr_mul(u);
-                        shifted.gemv_tr(-1.0, u, &row.y, 1.0);
-                    }
+                let slipped = covariance + spike;
+                for (j, (slip, cross)) in self.slips.iter().zip(with_slips).enumerate() {
                     let state = State::Slip(j as u16);
-                    push(state, prior.log(state), shared, &shifted);
+                    let shared = slipped + slip.covariance + cross + cross.transpose();
+                    push(state, prior.log(state), shared, &(residual - slip.mean));
                 }
                 let fresh = State::Slip(self.slip_counts.len() as u16);
-                push(fresh, prior.log(fresh), slipped, &residual);
+                push(fresh, prior.log(fresh), slipped + votes.slip, residual);
             }
         }
     }
 
-    /// The hypothesis with one more vote.
-    fn grown(&self, votes: &Votes<N>, t: usize, base: &[SMatrix<f64, N, N>], child: Child<N>) -> Self {
-        let mut w = base.to_vec();
-        let joined = match child.state {
-            State::Slip(j) => Some(usize::from(j)),
-            _ => None,
-        };
-        if let Some(column) = joined.and_then(|j| self.slip_columns.get(j)) {
-            let start = t - column.len();
-            w[start..].iter_mut().zip(column).for_each(|(w, u)| *w += u);
-        }
+    /// The hypothesis with one more vote; `base` is its row and its covariance with the slips before its state.
+    fn grown(
+        &self,
+        votes: &Votes<N>,
+        t: usize,
+        (base, with_slips): &(Vec<SMatrix<f64, N, N>>, Vec<SMatrix<f64, N, N>>),
+        child: Child<N>,
+    ) -> Self {
         let mut next = Self {
             score: child.score,
             weight: child.score,
             states: self.states.clone(),
             slip_counts: self.slip_counts.clone(),
             sound_counts: self.sound_counts,
-            rows: self.rows.clone(),
-            slip_columns: self.slip_columns.clone(),
+            rows: Vec::with_capacity(t + 1),
+            slips: self.slips.clone(),
         };
+        next.rows.extend_from_slice(&self.rows);
         if let Kind::Cluster { single, .. } = votes.list[t].kind {
             next.sound_counts.add(single, child.state == State::Good);
         }
-        if let Some(j) = joined {
-            if j == next.slip_counts.len() {
+        let (mut w, mut columns) = (base.clone(), with_slips.clone());
+        if let State::Slip(joined) = child.state {
+            let joined = usize::from(joined);
+            if joined == next.slips.len() {
                 next.slip_counts.push(0);
-                next.slip_columns.push(Vec::new());
+                next.slips.push(Slip { mean: SVector::zeros(), covariance: votes.slip });
+                columns.push(votes.slip);
+            } else {
+                self.join(joined, &mut w, &mut columns);
             }
-            next.slip_counts[j] += 1;
+            next.slip_counts[joined] += 1;
         }
-        for (j, column) in next.slip_columns.iter_mut().enumerate() {
-            let mut block = if joined == Some(j) { votes.slip } else { SMatrix::zeros() };
-            for (u, w) in column.iter().zip(&w[t - column.len()..]) {
-                block.gemm_tr(-1.0, w, u, 1.0);
-            }
-            child.diagonal.solve_lower_triangular_mut(&mut block);
-            column.push(block);
+        for (slip, column) in next.slips.iter_mut().zip(&mut columns) {
+            child.diagonal.solve_lower_triangular_mut(column);
+            subtract_product(&mut slip.covariance, column, column);
+            slip.mean.gemv_tr(1.0, column, &child.y, 1.0);
         }
         next.states.push(child.state);
-        next.rows.push(Rc::new(Row { w, diagonal: child.diagonal, y: child.y }));
+        next.rows.push(Rc::new(Row { w, diagonal: child.diagonal, y: child.y, slips: columns }));
         next
+    }
+
+    /// Turns the next row and its covariance with each slip into those of a vote that has slip `joined`, too.
+    fn join(&self, joined: usize, w: &mut [SMatrix<f64, N, N>], columns: &mut [SMatrix<f64, N, N>]) {
+        columns[joined] += self.slips[joined].covariance;
+        for (w, row) in w.iter_mut().zip(&self.rows) {
+            let Some(u) = row.slips.get(joined) else { continue };
+            *w += u;
+            for (other, column) in row
+                .slips
+                .iter()
+                .zip(columns.iter_mut())
+                .enumerate()
+                .filter(|(j, _)| *j != joined)
+                .map(|(_, pair)| pair)
+            {
+                subtract_product(column, u, other);
+            }
+        }
     }
 
     /// Sum over the slips `τ` of `log P(|τ| > least | ρ) - log P(|τ| > least)`: the evidence with the slips' prior cut
@@ -280,15 +342,8 @@ impl<const N: usize> Hypothesis<N> {
             return 0.0;
         }
         let before = share_longer::<N, G>(&SVector::zeros(), slip, least);
-        let of_column = |column: &Vec<SMatrix<f64, N, N>>| {
-            let (mut mean, mut covariance): (SVector<f64, N>, _) = (SVector::zeros(), *slip);
-            for (u, row) in column.iter().zip(&self.rows[self.rows.len() - column.len()..]) {
-                mean.gemv_tr(1.0, u, &row.y, 1.0);
-                covariance.gemm_tr(-1.0, u, u, 1.0);
-            }
-            (share_longer::<N, G>(&mean, &covariance, least) / before).ln()
-        };
-        self.slip_columns.iter().map(of_column).sum()
+        let share = |slip: &Slip<N>| share_longer::<N, G>(&slip.mean, &slip.covariance, least);
+        self.slips.iter().map(|slip| (share(slip) / before).ln()).sum()
     }
 
     /// `K_H⁻¹ ρ`, one block a vote.

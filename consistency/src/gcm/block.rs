@@ -84,14 +84,15 @@ fn solve<const N: usize, G: Pose<N>>(
         evidence.priors.iter().filter(|p| is_member(p.source) && is_member(p.target)).copied().collect();
     let frames = Frames::new(reference, evidence.trajectories, &closures, &transforms, &priors);
     let mut votes = Votes::new(evidence, &frames, chosen, is_member);
-    let mut beam = search::<N, G>(&votes, params, params.beam)?;
-    if let Some(best) = beam.best() {
+    // a narrow beam tells whether the linearisation holds
+    let scout = search::<N, G>(&votes, params, params.beam.div_ceil(4))?;
+    if let Some(best) = scout.best() {
         let (moved, metres, radians) = frames.moved(&estimate(&votes, best, robots));
         if metres > METRES_MOVED || radians > RADIANS_MOVED {
             votes = Votes::new(evidence, &moved, chosen, is_member);
-            beam = search::<N, G>(&votes, params, params.beam)?;
         }
     }
+    let beam = search::<N, G>(&votes, params, params.beam)?;
     let scales = DriftScales::climb::<G>(&mut votes, beam, params)?;
     let mut findings = Findings::new(chosen.len());
     scales.report::<G>(&mut votes, chosen, &mut findings);
