@@ -33,9 +33,11 @@ impl ShapeSimilarity {
     /// * `sigma` – standard deviation of the difference of a dimension seen twice, metres.
     ///
     /// ```text
-    /// log N(ΔL; σ²) N(ΔB; σ²) − log ḡ,   ḡ = mean over both maps' objects of the same kernel at the pair's mean shape
+    /// log N(ΔL; σ²) N(ΔB; σ²) − log ḡ,   ḡ = (g₀ + Σ g) / (1 + n)
     /// ```
-    /// so a pair of a shape that every object has gets 0, and a rare shape much.
+    /// where ḡ is the density of shapes at the pair's mean: g the kernels of width √2 σ about the n other objects of both
+    /// maps, and g₀ even over the rectangle of all shapes, one more object's worth, for shapes not seen yet (the prediction
+    /// of a Dirichlet process of mass 1). A pair of a shape that every object has gets 0, a rare one much.
     ///
     /// # Errors
     /// `sigma` not finite and positive.
@@ -49,33 +51,46 @@ impl ShapeSimilarity {
         }
         let all: Vec<[f64; 2]> =
             map1.iter().chain(map2).map(|o| [o.length / sigma, o.breadth / sigma]).collect();
+        let even = even_density(&all);
         let (first, second) = all.split_at(map1.len());
         let mut log_ratio = Vec::with_capacity(first.len() * second.len());
         for a in first {
             for b in second {
-                log_ratio.push(log_ratio_of(a, b, &all));
+                log_ratio.push(log_ratio_of(a, b, &all, even));
             }
         }
         Ok(Self { columns: second.len(), log_ratio })
     }
 }
 
-fn log_ratio_of(a: &[f64; 2], b: &[f64; 2], all: &[[f64; 2]]) -> Option<f64> {
+/// Density of shapes spread evenly over the rectangle of `all`, two standard deviations more on each side, in units of the
+/// likelihood's peak.
+fn even_density(all: &[[f64; 2]]) -> f64 {
+    let sides = [0, 1].map(|d| {
+        let (low, high) =
+            all.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), o| (low.min(o[d]), high.max(o[d])));
+        (high - low).max(0.0) + 4.0
+    });
+    std::f64::consts::TAU / (sides[0] * sides[1])
+}
+
+fn distance_sq(a: &[f64; 2], b: &[f64; 2]) -> f64 {
+    (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
+}
+
+fn log_ratio_of(a: &[f64; 2], b: &[f64; 2], all: &[[f64; 2]], even: f64) -> Option<f64> {
     let (dl, db) = (a[0] - b[0], a[1] - b[1]);
     if dl.abs() > GATE || db.abs() > GATE {
         return None;
     }
     let mean = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
-    // The pair itself is among `all` and keeps the density above 2/n of a kernel: a shape seen once is worth at
-    // most log(n/2) more than its neighbourhood shows.
-    let density: f64 = all
-        .iter()
-        .map(|o| 0.25 * ((o[0] - mean[0]).powi(2) + (o[1] - mean[1]).powi(2)))
-        // What lies farther adds less than a millionth of the pair's own share.
-        .filter(|far| *far < 20.0)
-        .map(|far| (-far).exp() * 0.5)
-        .sum::<f64>()
-        / all.len() as f64;
+    let kernel = |far: f64| 0.5 * (-0.25 * far).exp();
+    // What lies farther adds less than a millionth of a kernel.
+    let near = all.iter().map(|o| distance_sq(o, &mean)).filter(|far| *far < 60.0);
+    // The two themselves are among them and tell nothing of what others look like.
+    let own = 2.0 * kernel(0.25 * (dl * dl + db * db));
+    let others = (near.map(kernel).sum::<f64>() - own).max(0.0);
+    let density = (even + others) / (all.len() - 1) as f64;
     Some(-0.5 * (dl * dl + db * db) - density.ln())
 }
 

@@ -170,6 +170,41 @@ fn rows_of_equal_pilings_are_ambiguous() {
     assert!(found.modes.len() >= 3, "{} modes", found.modes.len());
 }
 
+/// Two pilings and a buoy in common fix the transform, but other turns about the buoy bring two pilings together as well:
+/// that the rows go on from map to map decides.
+#[test]
+fn rows_of_pilings_go_on_beyond_the_maps() {
+    use rand::RngExt;
+    use rand_distr::{Distribution, Normal};
+    let noise = Normal::new(0.0, 0.2).unwrap();
+    let truth = Isometry2::new(Vector2::new(12.0, -7.0), 2.5);
+    let trials = 100;
+    let right = (0..trials).filter(|&seed| {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let buoy = Point2::new(rng.random_range(18.0..24.0), rng.random_range(14.0..24.0));
+        let mut map = |from: usize, sigma: f64| -> Vec<Object> {
+            let pilings = (from..from + 4).flat_map(|x| [0.0, 6.0].map(|y| Point2::new(6.0 * x as f64, y)));
+            let mut seen: Vec<Object> = pilings.map(|p| Object::new(p, 3.0, 3.0)).collect();
+            seen.push(Object::new(buoy, 7.0, 4.0));
+            for o in &mut seen {
+                let mut jitter = || sigma / 0.2 * noise.sample(&mut rng);
+                o.centroid += Vector2::new(jitter(), jitter());
+                (o.length, o.breadth) = (o.length + jitter(), o.breadth + jitter());
+            }
+            seen
+        };
+        let map1 = map(0, 0.0);
+        let map2 = seen_from(&map(3, 0.2), &truth, 0.0, 0);
+        let found = match_objects(&map1, &map2, &Method::default()).unwrap();
+        found.map1_from_map2.is_some_and(|found| {
+            let off = |p: Point2<f64>| (found.mean() * truth.inverse_transform_point(&p) - p).norm();
+            [Point2::new(18.0, 0.0), Point2::new(18.0, 6.0), buoy].into_iter().all(|p| off(p) < 1.0)
+        })
+    });
+    let right = right.count();
+    assert!(right >= 96, "{right} of {trials} right");
+}
+
 #[test]
 fn covariance_of_the_transform_matches_repeated_noise() {
     use rand_distr::{Distribution, Normal};

@@ -7,6 +7,8 @@ mod support;
 
 use draco_graphmatch::{Costs, Method, Qap, assign, match_objects};
 use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 /// One change of a file: a byte replaced, removed or put in, or the rest cut off.
 #[derive(Debug, Clone)]
@@ -69,36 +71,74 @@ fn whole_files_are_read() {
     assert_eq!(Qap::from_qaplib("2\n\n0 1\n2 0\n\n0 3\n4 0\n").unwrap().cost(&[1, 0]), Some(10.0));
 }
 
+const QAPLIB: &[u8] = b"2\n\n0 1\n2 0\n\n0 3.5\n-4e1 0\n";
+
+fn read_qaplib(bytes: &[u8]) {
+    if let Ok(problem) = Qap::from_qaplib(&String::from_utf8_lossy(bytes)) {
+        let image: Vec<usize> = (0..problem.size()).collect();
+        assert!(problem.cost(&image).is_some());
+    }
+}
+
+fn read_npy(bytes: &[u8]) {
+    if let Ok((rows, columns, values)) = npy::read_npy(bytes) {
+        assert_eq!(values.len(), rows * columns);
+        if let Ok(costs) = Costs::new(rows, columns, &values) {
+            let _ = assign(costs);
+        }
+    }
+}
+
+fn read_problems(bytes: &[u8]) {
+    for p in support::Problem::parse_all(&String::from_utf8_lossy(bytes)).into_iter().flatten() {
+        let (map1, map2) = (support::Problem::objects(&p.map1), support::Problem::objects(&p.map2));
+        if let Ok(found) = match_objects(&map1, &map2, &Method::default()) {
+            p.score(&found.pairs, found.map1_from_map2.as_ref().map(|t| t.mean()));
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(3000))]
 
     #[test]
     fn damaged_qaplib_files_do_not_panic(damages in damages()) {
-        let bytes = spoil(b"2\n\n0 1\n2 0\n\n0 3.5\n-4e1 0\n", &damages);
-        if let Ok(problem) = Qap::from_qaplib(&String::from_utf8_lossy(&bytes)) {
-            let image: Vec<usize> = (0..problem.size()).collect();
-            prop_assert!(problem.cost(&image).is_some());
-        }
+        read_qaplib(&spoil(QAPLIB, &damages));
     }
 
     #[test]
     fn damaged_npy_files_do_not_panic(rows in 0..4_usize, columns in 0..4_usize, damages in damages()) {
-        if let Ok((rows, columns, values)) = npy::read_npy(&spoil(&npy_file(rows, columns), &damages)) {
-            prop_assert_eq!(values.len(), rows * columns);
-            if let Ok(costs) = Costs::new(rows, columns, &values) {
-                let _ = assign(costs);
-            }
-        }
+        read_npy(&spoil(&npy_file(rows, columns), &damages));
     }
 
     #[test]
     fn damaged_problem_files_do_not_panic(damages in damages()) {
-        let bytes = spoil(PROBLEMS.as_bytes(), &damages);
-        for p in support::Problem::parse_all(&String::from_utf8_lossy(&bytes)).into_iter().flatten() {
-            let (map1, map2) = (support::Problem::objects(&p.map1), support::Problem::objects(&p.map2));
-            if let Ok(found) = match_objects(&map1, &map2, &Method::default()) {
-                p.score(&found.pairs, found.map1_from_map2.as_ref().map(|t| t.mean()));
-            }
-        }
+        read_problems(&spoil(PROBLEMS.as_bytes(), &damages));
+    }
+}
+
+/// The same at length, with a plain generator: a million damaged files of each kind.
+#[test]
+#[ignore = "takes minutes"]
+fn a_million_damaged_files_do_not_panic() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let signs = b"0123456789 -+.eE,[]{}()'\":\n";
+    for _ in 0..1_000_000 {
+        let count = rng.random_range(1..6);
+        let damages: Vec<Damage> = (0..count)
+            .map(|_| {
+                let (at, any) = (rng.random_range(0..4096), rng.random::<bool>());
+                let byte = if any { rng.random() } else { signs[rng.random_range(0..signs.len())] };
+                match rng.random_range(0..9) {
+                    0..4 => Damage::Replace(at, byte),
+                    4 | 5 => Damage::Remove(at),
+                    6 | 7 => Damage::Insert(at, byte),
+                    _ => Damage::Cut(at),
+                }
+            })
+            .collect();
+        read_qaplib(&spoil(QAPLIB, &damages));
+        read_npy(&spoil(&npy_file(rng.random_range(0..4), rng.random_range(0..4)), &damages));
+        read_problems(&spoil(PROBLEMS.as_bytes(), &damages));
     }
 }

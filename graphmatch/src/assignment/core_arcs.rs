@@ -1,8 +1,5 @@
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
 use super::Costs;
-use super::length::Length;
+use super::paths::{Arcs, Paths};
 use super::row_reduction::{Bid, Rows, reduce_rows};
 use super::state::{NONE, State, reduce_columns};
 
@@ -23,18 +20,19 @@ const ROUNDS: usize = 30;
 ///
 /// **Source**: Volgenant, "Linear and semi-assignment problems: a core oriented approach", 1996.
 pub(super) fn solve(costs: Costs) -> Option<State> {
-    let mut state = State::new(costs);
+    let mut state = State::new(costs.rows, costs.columns);
     reduce_columns(costs, &mut state);
     let mut core = Core::new(costs, &state)?;
+    let mut paths = Paths::new(costs.columns);
     let mut free = state.free_rows();
     for _ in 0..ROUNDS {
         for _ in 0..2 {
             reduce_rows(&core, &mut state, &mut free, BIDS);
         }
         for &row in &free {
-            core.search(costs, &mut state, row as usize)?;
+            core.search(&mut paths, &mut state, row as usize)?;
         }
-        free = core.price(costs, &state)?;
+        free = core.price(&state)?;
         if free.is_empty() {
             return Some(state);
         }
@@ -47,36 +45,27 @@ pub(super) fn solve(costs: Costs) -> Option<State> {
     None
 }
 
-struct Core {
+struct Core<'a> {
+    costs: Costs<'a>,
     /// Columns and costs of every row's arcs.
     arcs: Vec<Vec<(u32, f64)>>,
     /// Reduced cost above the row's least up to which arcs were taken; +∞ where all are in.
     reach: Vec<f64>,
     budget: usize,
-    key: Vec<f64>,
-    row_before: Vec<u32>,
-    done: Vec<u32>,
-    touched: Vec<u32>,
-    /// Columns in `done`; rounding may make a second way to one look shorter.
-    closed: Vec<bool>,
 }
 
-impl Core {
-    fn new(costs: Costs, state: &State) -> Option<Self> {
+impl<'a> Core<'a> {
+    fn new(costs: Costs<'a>, state: &State) -> Option<Self> {
         let reach = typical_reach(costs, &state.v);
         let mut core = Self {
+            costs,
             arcs: vec![Vec::with_capacity(2 * ARCS); costs.rows],
             reach: vec![reach; costs.rows],
             budget: (MOST_OF_ALL * costs.values.len() as f64) as usize,
-            key: vec![f64::INFINITY; costs.columns],
-            row_before: vec![NONE; costs.columns],
-            done: Vec::new(),
-            touched: Vec::new(),
-            closed: vec![false; costs.columns],
         };
         let mut covered = vec![false; costs.columns];
         for row in 0..costs.rows {
-            core.gather(costs, state, row)?;
+            core.gather(state, row)?;
             for &(j, _) in &core.arcs[row] {
                 covered[j as usize] = true;
             }
@@ -86,8 +75,8 @@ impl Core {
     }
 
     /// Takes all arcs of a row up to its reach, the assigned one included.
-    fn gather(&mut self, costs: Costs, state: &State, row: usize) -> Option<()> {
-        let (c, v) = (costs.row(row), &state.v);
+    fn gather(&mut self, state: &State, row: usize) -> Option<()> {
+        let (c, v) = (self.costs.row(row), &state.v);
         let limit = least_reduced(c, v) + self.reach[row];
         let arcs = &mut self.arcs[row];
         arcs.clear();
@@ -104,38 +93,19 @@ impl Core {
     }
 
     /// Assigns a free row along a shortest path of core arcs, taking in more arcs where there is none.
-    fn search(&mut self, costs: Costs, state: &mut State, start: usize) -> Option<()> {
-        loop {
-            let end = self.shortest_path(costs, state, start);
-            if let Some(end) = end {
-                let length = self.key[end];
-                for &column in &self.done {
-                    state.v[column as usize] += self.key[column as usize] - length;
-                }
-                let before = &self.row_before;
-                state.augment(start, end, |column| before[column] as usize);
-            }
-            let mut stuck: Vec<usize> =
-                self.done.iter().map(|&j| state.row_of_column[j as usize] as usize).collect();
-            stuck.push(start);
-            for column in self.touched.drain(..) {
-                self.key[column as usize] = f64::INFINITY;
-                self.closed[column as usize] = false;
-            }
-            self.done.clear();
-            if end.is_some() {
-                return Some(());
-            }
+    fn search(&mut self, paths: &mut Paths, state: &mut State, start: usize) -> Option<()> {
+        while let Err(stuck) = paths.assign(&*self, state, start) {
             if stuck.iter().all(|&row| self.reach[row] == f64::INFINITY) {
                 return None;
             }
             for row in stuck {
                 self.reach[row] = if self.reach[row] > 0.0 { 4.0 * self.reach[row] } else { f64::INFINITY };
                 self.budget += self.arcs[row].len();
-                self.gather(costs, state, row)?;
+                self.gather(state, row)?;
                 self.free_if_contradicted(state, row, start)?;
             }
         }
+        Some(())
     }
 
     /// New arcs of an assigned row may undercut its own; the core search needs least reduced costs at assigned
@@ -151,49 +121,14 @@ impl Core {
         (own <= least + tolerance(own)).then_some(())
     }
 
-    /// The idle column that a shortest path reaches; columns passed are in `done`, with their lengths in `key`.
-    fn shortest_path(&mut self, costs: Costs, state: &State, start: usize) -> Option<usize> {
-        let mut heap = BinaryHeap::new();
-        let (mut row, mut offset) = (start, 0.0);
-        loop {
-            for &(column, c) in &self.arcs[row] {
-                let j = column as usize;
-                let length = c - state.v[j] - offset;
-                if length < self.key[j] && !self.closed[j] {
-                    if self.key[j] == f64::INFINITY {
-                        self.touched.push(column);
-                    }
-                    self.key[j] = length;
-                    self.row_before[j] = row as u32;
-                    // Idle columns first among equals.
-                    let busy = state.row_of_column[j] != NONE;
-                    heap.push(Reverse((Length(length), busy, column)));
-                }
-            }
-            let (length, column) = loop {
-                let Reverse((Length(length), _, column)) = heap.pop()?;
-                if length <= self.key[column as usize] && !self.closed[column as usize] {
-                    break (length, column as usize);
-                }
-            };
-            if state.row_of_column[column] == NONE {
-                return Some(column);
-            }
-            self.done.push(column as u32);
-            self.closed[column] = true;
-            row = state.row_of_column[column] as usize;
-            offset = costs.row(row)[column] - state.v[column] - length;
-        }
-    }
-
     /// Rows with an entry that the duals contradict; such entries join the core.
-    fn price(&mut self, costs: Costs, state: &State) -> Option<Vec<u32>> {
+    fn price(&mut self, state: &State) -> Option<Vec<u32>> {
         let mut wrong = Vec::new();
-        for row in 0..costs.rows {
+        for row in 0..self.arcs.len() {
             if self.reach[row] == f64::INFINITY {
                 continue;
             }
-            let c = costs.row(row);
+            let c = self.costs.row(row);
             let column = state.column_of_row[row] as usize;
             let own = c[column] - state.v[column];
             let limit = own - tolerance(own.abs() + state.v[column].abs());
@@ -214,7 +149,17 @@ impl Core {
     }
 }
 
-impl Rows for Core {
+impl Arcs for Core<'_> {
+    fn of_row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.arcs[row].iter().map(|&(j, c)| (j as usize, c))
+    }
+
+    fn cost(&self, row: usize, column: usize) -> f64 {
+        self.costs.row(row)[column]
+    }
+}
+
+impl Rows for Core<'_> {
     fn len(&self) -> usize {
         self.arcs.len()
     }

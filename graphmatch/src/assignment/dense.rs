@@ -25,7 +25,7 @@ impl WithSimd for Solve<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let costs = self.costs;
-        let mut state = State::new(costs);
+        let mut state = State::new(costs.rows, costs.columns);
         if costs.rows == costs.columns {
             reduce_columns(costs, &mut state);
         }

@@ -5,6 +5,7 @@ mod costs;
 mod dense;
 mod kernels;
 mod length;
+mod paths;
 mod row_reduction;
 mod solve;
 mod sparse;

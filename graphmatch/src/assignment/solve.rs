@@ -51,9 +51,9 @@ pub fn assign(costs: Costs) -> Result<Assignment, Error> {
     let found = if costs.rows > costs.columns {
         let flipped = transpose(costs);
         let wide = Costs { rows: costs.columns, columns: costs.rows, values: &flipped };
-        flip(assign_wide(wide)?.finish(wide))
+        flip(assign_wide(wide)?.finish(|i, j| wide.row(i)[j]))
     } else {
-        assign_wide(costs)?.finish(costs)
+        assign_wide(costs)?.finish(|i, j| costs.row(i)[j])
     };
     let pairs = found.column_of_row.iter().enumerate();
     let cost = pairs.filter_map(|(i, j)| j.map(|j| costs.row(i)[j])).sum();

@@ -1,9 +1,6 @@
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
 use super::Assignment;
-use super::length::Length;
-use super::state::NONE;
+use super::paths::{Arcs, Paths};
+use super::state::{NONE, State};
 use crate::Error;
 
 /// Costs of the allowed pairs only, row by row.
@@ -42,10 +39,17 @@ impl SparseCosts {
     fn rows(&self) -> usize {
         self.start.len().saturating_sub(1)
     }
+}
 
-    fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let run = self.start[i]..self.start[i + 1];
+impl Arcs for SparseCosts {
+    fn of_row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let run = self.start[row]..self.start[row + 1];
         self.column[run.clone()].iter().map(|&j| j as usize).zip(self.cost[run].iter().copied())
+    }
+
+    fn cost(&self, row: usize, column: usize) -> f64 {
+        let entries = self.of_row(row).filter(|(j, _)| *j == column);
+        entries.map(|(_, cost)| cost).fold(f64::INFINITY, f64::min)
     }
 }
 
@@ -58,116 +62,27 @@ impl SparseCosts {
 ///
 /// **Source**: Jonker, Volgenant, 1987 (sparse part), with a binary heap.
 pub fn assign_sparse(costs: &SparseCosts) -> Result<Assignment, Error> {
-    let mut search = Search {
-        costs,
-        v: vec![0.0; costs.columns],
-        entry_of_row: vec![None; costs.rows()],
-        row_of_column: vec![NONE; costs.columns],
-        key: vec![f64::INFINITY; costs.columns],
-        before: vec![NONE; costs.columns],
-        closed: vec![false; costs.columns],
-    };
-    search.greedy();
+    let mut state = State::new(costs.rows(), costs.columns);
+    assign_cheapest(costs, &mut state);
+    let mut paths = Paths::new(costs.columns);
+    for row in state.free_rows() {
+        let row = row as usize;
+        paths.assign(costs, &mut state, row).map_err(|_| Error::Infeasible { row })?;
+    }
+    let found = state.finish(|row, column| costs.cost(row, column));
+    let pairs = found.column_of_row.iter().enumerate();
+    let cost = pairs.filter_map(|(i, j)| j.map(|j| costs.cost(i, j))).sum();
+    Ok(Assignment { cost, ..found })
+}
+
+/// Each row takes its cheapest column while all duals are 0, if it is idle.
+fn assign_cheapest(costs: &SparseCosts, state: &mut State) {
     for row in 0..costs.rows() {
-        if search.entry_of_row[row].is_none() {
-            search.run(row)?;
-        }
-    }
-    Ok(search.finish())
-}
-
-struct Search<'a> {
-    costs: &'a SparseCosts,
-    v: Vec<f64>,
-    /// Column and cost of every assigned row.
-    entry_of_row: Vec<Option<(usize, f64)>>,
-    row_of_column: Vec<u32>,
-    key: Vec<f64>,
-    before: Vec<u32>,
-    closed: Vec<bool>,
-}
-
-impl Search<'_> {
-    /// Each row takes its cheapest column while all duals are 0, if it is idle.
-    fn greedy(&mut self) {
-        for row in 0..self.costs.rows() {
-            let least = self.costs.row(row).min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
-            if let Some((column, cost)) = least
-                && self.row_of_column[column] == NONE
-            {
-                self.entry_of_row[row] = Some((column, cost));
-                self.row_of_column[column] = row as u32;
-            }
-        }
-    }
-
-    fn run(&mut self, start: usize) -> Result<(), Error> {
-        let mut heap = BinaryHeap::new();
-        let (mut touched, mut done) = (Vec::new(), Vec::new());
-        let (mut row, mut offset) = (start, 0.0);
-        let end = loop {
-            for (j, cost) in self.costs.row(row) {
-                let length = cost - self.v[j] - offset;
-                if length < self.key[j] && !self.closed[j] {
-                    if self.key[j] == f64::INFINITY {
-                        touched.push(j);
-                    }
-                    self.key[j] = length;
-                    self.before[j] = row as u32;
-                    heap.push(Reverse((Length(length), self.row_of_column[j] != NONE, j)));
-                }
-            }
-            let (length, column) = loop {
-                let Some(Reverse((Length(length), _, column))) = heap.pop() else {
-                    return Err(Error::Infeasible { row: start });
-                };
-                if length <= self.key[column] && !self.closed[column] {
-                    break (length, column);
-                }
-            };
-            if self.row_of_column[column] == NONE {
-                break column;
-            }
-            self.closed[column] = true;
-            done.push(column);
-            row = self.row_of_column[column] as usize;
-            let own = self.entry_of_row[row].map_or(0.0, |(_, cost)| cost);
-            offset = own - self.v[column] - length;
-        };
-        for column in done {
-            self.v[column] += self.key[column] - self.key[end];
-        }
-        self.flip(start, end);
-        for column in touched {
-            self.key[column] = f64::INFINITY;
-            self.closed[column] = false;
-        }
-        Ok(())
-    }
-
-    fn flip(&mut self, start: usize, end: usize) {
-        let mut column = end;
-        loop {
-            let row = self.before[column] as usize;
-            let entries = self.costs.row(row).filter(|(j, _)| *j == column);
-            let cheapest = entries.min_by(|a, b| a.1.total_cmp(&b.1));
-            let next = std::mem::replace(&mut self.entry_of_row[row], cheapest);
-            self.row_of_column[column] = row as u32;
-            match next {
-                Some((next, _)) if row != start => column = next,
-                _ => break,
-            }
-        }
-    }
-
-    fn finish(self) -> Assignment {
-        let some = |x: &u32| (*x != NONE).then_some(*x as usize);
-        Assignment {
-            column_of_row: self.entry_of_row.iter().map(|e| e.map(|(j, _)| j)).collect(),
-            row_of_column: self.row_of_column.iter().map(some).collect(),
-            row_duals: self.entry_of_row.iter().map(|e| e.map_or(0.0, |(j, c)| c - self.v[j])).collect(),
-            cost: self.entry_of_row.iter().flatten().map(|(_, c)| c).sum(),
-            column_duals: self.v,
+        let least = costs.of_row(row).min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        if let Some((column, _)) = least
+            && state.row_of_column[column] == NONE
+        {
+            state.assign(row, column);
         }
     }
 }

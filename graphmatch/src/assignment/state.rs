@@ -14,12 +14,8 @@ pub(super) struct State {
 }
 
 impl State {
-    pub(super) fn new(costs: Costs) -> Self {
-        Self {
-            column_of_row: vec![NONE; costs.rows],
-            row_of_column: vec![NONE; costs.columns],
-            v: vec![0.0; costs.columns],
-        }
+    pub(super) fn new(rows: usize, columns: usize) -> Self {
+        Self { column_of_row: vec![NONE; rows], row_of_column: vec![NONE; columns], v: vec![0.0; columns] }
     }
 
     pub(super) fn assign(&mut self, row: usize, column: usize) {
@@ -45,13 +41,14 @@ impl State {
         }
     }
 
-    pub(super) fn finish(self, costs: Costs) -> Assignment {
+    /// * `cost` – of an assigned row and column; the total is left to the caller.
+    pub(super) fn finish(self, cost: impl Fn(usize, usize) -> f64) -> Assignment {
         let some = |x: &u32| (*x != NONE).then_some(*x as usize);
         let column_of_row: Vec<Option<usize>> = self.column_of_row.iter().map(some).collect();
         let row_duals = column_of_row
             .iter()
             .enumerate()
-            .map(|(i, j)| j.map_or(0.0, |j| costs.row(i)[j] - self.v[j]))
+            .map(|(i, j)| j.map_or(0.0, |j| cost(i, j) - self.v[j]))
             .collect();
         let row_of_column = self.row_of_column.iter().map(some).collect();
         Assignment { column_of_row, row_of_column, row_duals, column_duals: self.v, cost: 0.0 }

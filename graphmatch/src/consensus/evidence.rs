@@ -129,7 +129,10 @@ fn weigh(problem: &Problem, transform: Isometry2<f64>, pairs: Vec<(usize, usize)
     }
     let weight = (ONCE / f64::from(repeated)).min(1.0);
     let pair_sum = distinct_sum + weight * repeated_sum;
-    let common = Common::new(problem, &transform, &pairs, weight);
+    if pair_sum < problem.least_sum(pairs.len()) {
+        return None;
+    }
+    let common = Common::new(problem, &transform, &pairs);
     let inside = 0.5 * (common.inside1 + common.inside2);
     let log_likelihood = pair_sum + log_detection(common.inside1 + common.inside2, common.paired);
     // The peak is that of the likelihood as weighed.
@@ -156,17 +159,18 @@ fn weigh(problem: &Problem, transform: Isometry2<f64>, pairs: Vec<(usize, usize)
     })
 }
 
-/// Objects in the area that both maps cover, repeated ones by their weight.
+/// Objects in the area that both maps cover. A map's repeated ones count for [`ONCE`] together, as their pairs do: which shift of
+/// a structure it is, neither its overlap nor its missing members can tell.
 struct Common {
     inside1: f64,
     inside2: f64,
     paired: f64,
-    /// Share of all objects that lie in the common area, not weighed.
+    /// Share of all objects that lie in the common area.
     share: f64,
 }
 
 impl Common {
-    fn new(problem: &Problem, transform: &Isometry2<f64>, pairs: &[(usize, usize)], weight: f64) -> Self {
+    fn new(problem: &Problem, transform: &Isometry2<f64>, pairs: &[(usize, usize)]) -> Self {
         let inverse = transform.inverse();
         let mut inside1: Vec<bool> =
             problem.p1.iter().map(|p| problem.window2.contains(&(inverse * p))).collect();
@@ -177,20 +181,36 @@ impl Common {
             inside1[i] = true;
             inside2[a] = true;
         }
-        let weight_of = |repeated: bool| if repeated { weight } else { 1.0 };
-        let count = |inside: &[bool], repeated: &[bool]| -> f64 {
-            inside.iter().zip(repeated).filter(|(inside, _)| **inside).map(|(_, r)| weight_of(*r)).sum()
-        };
-        let share = |inside: &[bool]| inside.iter().filter(|i| **i).count() as f64 / inside.len() as f64;
+        let (weights1, weights2) = (Weights::new(&problem.repeated1), Weights::new(&problem.repeated2));
+        let of_pair = |&(i, a): &(usize, usize)| 0.5 * (weights1.of(i) + weights2.of(a));
+        let (count1, count2) = (weights1.sum(|i| inside1[i]), weights2.sum(|a| inside2[a]));
         Self {
-            inside1: count(&inside1, &problem.repeated1),
-            inside2: count(&inside2, &problem.repeated2),
-            paired: pairs
-                .iter()
-                .map(|&(i, a)| 0.5 * (weight_of(problem.repeated1[i]) + weight_of(problem.repeated2[a])))
-                .sum(),
-            share: 0.5 * (share(&inside1) + share(&inside2)),
+            inside1: count1,
+            inside2: count2,
+            paired: pairs.iter().map(of_pair).sum(),
+            share: 0.5 * (count1 / weights1.sum(|_| true) + count2 / weights2.sum(|_| true)),
         }
+    }
+}
+
+/// What each object of a map counts for.
+struct Weights<'a> {
+    repeated: &'a [bool],
+    weight: f64,
+}
+
+impl<'a> Weights<'a> {
+    fn new(repeated: &'a [bool]) -> Self {
+        let all = repeated.iter().filter(|r| **r).count() as f64;
+        Self { repeated, weight: (ONCE / all).min(1.0) }
+    }
+
+    fn of(&self, object: usize) -> f64 {
+        if self.repeated[object] { self.weight } else { 1.0 }
+    }
+
+    fn sum(&self, counts: impl Fn(usize) -> bool) -> f64 {
+        (0..self.repeated.len()).filter(|&k| counts(k)).map(|k| self.of(k)).sum()
     }
 }
 

@@ -19,28 +19,28 @@ pub(super) struct Ray {
     object: usize,
 }
 
-/// The best turn about every admissible pair whose first object is among `pivots`, best first.
+/// The best turn about every admissible pair that may be a pivot, best first.
 ///
 /// For each pair (i, a) taken as the pivot, each other pair (j, b) of equal distance from the pivot votes for the
 /// turn that brings b onto j, with a width that its noise allows; the turn with the largest sum of votes wins.
 /// Cost O(N M k) for k votes a pivot.
 ///
-/// * `rays1`, `rays2` – [`rays`] of both maps.
+/// * `rays1`, `rays2` – [`rays`] of both maps; `may_turn` – which pairs, by their indices, are taken as pivots.
 pub(super) fn hypotheses(
     problem: &Problem,
     rays1: &[Vec<Ray>],
     rays2: &[Vec<Ray>],
-    pivots: impl Iterator<Item = usize>,
+    may_turn: impl Fn(usize, usize) -> bool,
 ) -> Vec<Hypothesis> {
     let longest = rays1.iter().filter_map(|r| r.last()).map(|r| r.distance).fold(0.0, f64::max);
     let mut votes = Votes::new(problem, longest);
     let mut found = Vec::new();
-    for i in pivots {
+    for (i, from1) in rays1.iter().enumerate() {
         for (a, from2) in rays2.iter().enumerate() {
-            if problem.gain(i, a) == f64::NEG_INFINITY {
+            if problem.gain(i, a) == f64::NEG_INFINITY || !may_turn(i, a) {
                 continue;
             }
-            votes.collect(problem, (i, a), &rays1[i], from2);
+            votes.collect(problem, (i, a), from1, from2);
             if let Some((score, angle)) = votes.best(problem, (i, a)) {
                 let rotation = UnitComplex::new(angle);
                 let translation = problem.p1[i].coords - rotation * problem.p2[a].coords;

@@ -2,6 +2,7 @@
 
 mod alike;
 mod buckets;
+mod continuation;
 mod evidence;
 mod hypotheses;
 mod modes;
@@ -43,7 +44,7 @@ pub struct ConsensusParams {
     /// [`Verdict::None`](crate::Verdict::None). Default −2.5: robots compare maps when they expect an overlap.
     pub log_odds_nothing: f64,
     /// Fewest pairs of a mode. Default 4; one fewer will do where a map repeats itself, as two pilings of a row and one other
-    /// object may be all that two robots share.
+    /// object may be all that two robots share, and where their looks make them worth as much.
     pub min_pairs: usize,
 }
 

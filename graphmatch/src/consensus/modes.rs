@@ -3,10 +3,11 @@ use nalgebra::{Isometry2, Point2};
 
 use super::ConsensusParams;
 use super::alike::Alike;
+use super::continuation::{ONE_STRUCTURE, continues};
 use super::evidence::{Explanation, middle, refine, ties};
 use super::hypotheses::{Ray, hypotheses, rays};
 use super::problem::Problem;
-use super::repeated::repeated;
+use super::repeated::{central, repeated};
 use crate::object::check_map;
 use crate::rigid::information;
 use crate::{Error, Match, Mode, Object, Pair, Similarity, Verdict};
@@ -27,22 +28,42 @@ pub fn consensus(
     let mut problem = Problem::new(map1, map2, similarity, params);
     let rays1 = rays(&problem.p1, params.min_edge);
     let rays2 = rays(&problem.p2, params.min_edge);
-    problem.repeated1 = repeated(map1, &rays1, &Alike::of_map1(&problem), params);
-    problem.repeated2 = repeated(map2, &rays2, &Alike::of_map2(&problem), params);
-    let found = separate_modes(&problem, &rays1, &rays2);
+    let structure1 = repeated(map1, &rays1, &Alike::of_map1(&problem), params);
+    let structure2 = repeated(map2, &rays2, &Alike::of_map2(&problem), params);
+    (problem.repeated1, problem.repeated2) = (structure1.repeated, structure2.repeated);
+    let mut found = separate_modes(&problem, &rays1, &rays2);
+    favour_one_structure(&problem, &structure1.shifts, &mut found);
     Ok(judge(&problem, found))
 }
 
 /// Evidence, in nats, behind the best that no detection term makes up for.
 const HOPELESS: f64 = 20.0;
 
+/// Pairs of repeated objects that are tried as pivots. Each turns the map by whole shifts of its structure, as its
+/// neighbours do; which shift it is, only pairs of other objects tell, and those are all tried.
+const REPEATED_PIVOTS: usize = 1500;
+
+/// Objects of map 1 that are pivots even with a repeated object of map 2: all where they are few.
+fn pivots(problem: &Problem) -> Vec<bool> {
+    let count = |repeated: &[bool]| repeated.iter().filter(|r| **r).count();
+    let partners = count(&problem.repeated2).max(1);
+    let order = central(&problem.p1).into_iter().filter(|&i| problem.repeated1[i]);
+    let mut pivots: Vec<bool> = problem.repeated1.iter().map(|r| !r).collect();
+    for i in order.take(REPEATED_PIVOTS.div_ceil(partners)) {
+        pivots[i] = true;
+    }
+    pivots
+}
+
 /// Explanations that differ in their transform, best first.
 fn separate_modes(problem: &Problem, rays1: &[Vec<Ray>], rays2: &[Vec<Ray>]) -> Vec<Explanation> {
+    let pivots = pivots(problem);
+    let may_turn = |i: usize, a: usize| pivots[i] || !problem.repeated2[a];
     let centre = middle(&problem.p2);
     let mut found: Vec<Explanation> = Vec::new();
     let mut refined = 0;
     let mut best_sum = f64::NEG_INFINITY;
-    for hypothesis in hypotheses(problem, rays1, rays2, 0..problem.p1.len()) {
+    for hypothesis in hypotheses(problem, rays1, rays2, may_turn) {
         // A hypothesis' score is more than its pairs will be worth, so nothing below can come near the best.
         if refined >= problem.params.max_hypotheses || hypothesis.score < best_sum - HOPELESS {
             break;
@@ -68,6 +89,19 @@ fn separate_modes(problem: &Problem, rays1: &[Vec<Ray>], rays2: &[Vec<Ray>]) -> 
     }
     found.sort_by(|x, y| y.log_evidence.total_cmp(&x.log_evidence));
     found
+}
+
+/// Explanations, the best first, of which it is asked whether a structure goes on: more than come near the best.
+const CANDIDATES: usize = 30;
+
+/// Adds the evidence of explanations under which the structure of one map goes on in the other.
+fn favour_one_structure(problem: &Problem, shifts: &[Isometry2<f64>], found: &mut [Explanation]) {
+    for explanation in found.iter_mut().take(CANDIDATES) {
+        if continues(problem, shifts, explanation) {
+            explanation.log_evidence += ONE_STRUCTURE;
+        }
+    }
+    found.sort_by(|x, y| y.log_evidence.total_cmp(&x.log_evidence));
 }
 
 pub(super) fn same_mode(

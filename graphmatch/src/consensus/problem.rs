@@ -17,6 +17,8 @@ pub(super) struct Problem<'a> {
     gain: Vec<f64>,
     /// The part of `gain` that comes from likeness.
     looks: Vec<f64>,
+    /// Whether any pair gains by its looks.
+    looks_tell: bool,
     /// Whether the map shows an object elsewhere again, in the same company.
     pub(super) repeated1: Vec<bool>,
     pub(super) repeated2: Vec<bool>,
@@ -63,6 +65,7 @@ impl<'a> Problem<'a> {
         let place = -(std::f64::consts::TAU * params.position_sigma * params.position_sigma * density).ln();
         let (repeated1, repeated2) = (vec![false; p1.len()], vec![false; p2.len()]);
         Self {
+            looks_tell: all_looks.iter().any(|looks| *looks > 0.0),
             params,
             p1,
             p2,
@@ -94,9 +97,19 @@ impl<'a> Problem<'a> {
 
     /// Fewest pairs of a mode.
     pub(super) fn fewest_pairs(&self) -> usize {
-        let repeats = |repeated: &[bool]| repeated.contains(&true);
-        let either = repeats(&self.repeated1) || repeats(&self.repeated2);
-        self.params.min_pairs.saturating_sub(usize::from(either))
+        self.params.min_pairs.saturating_sub(usize::from(self.repeats() || self.looks_tell))
+    }
+
+    /// Least evidence of a mode's pairs: where looks tell, few pairs will do that are worth as many as are asked for.
+    pub(super) fn least_sum(&self, pairs: usize) -> f64 {
+        if pairs >= self.params.min_pairs || self.repeats() {
+            return f64::NEG_INFINITY;
+        }
+        self.params.min_pairs as f64 * self.place
+    }
+
+    fn repeats(&self) -> bool {
+        self.repeated1.contains(&true) || self.repeated2.contains(&true)
     }
 
     /// Likeness of a pair, -∞ where ruled out.

@@ -1,4 +1,4 @@
-use nalgebra::Isometry2;
+use nalgebra::{Isometry2, Point2};
 
 use super::ConsensusParams;
 use super::alike::Alike;
@@ -17,6 +17,16 @@ const SHARE_INSIDE: f64 = 0.6;
 const SHARE_OF_ALL: f64 = 0.4;
 /// Fewest coincidences of a self-match: small maps have five, those of four pairs of places, by chance.
 const FEWEST: usize = 6;
+/// The same of other than half turns: a square of four falls onto itself at every quarter turn, and a fifth object by chance.
+const FEWEST_TURNED: usize = 8;
+
+/// What of a map repeats itself.
+pub(super) struct Structure {
+    /// Objects that the map shows elsewhere again, in the same company.
+    pub(super) repeated: Vec<bool>,
+    /// Shifts and turns that lay many objects on others, and their inverses, those of most pairs first.
+    pub(super) shifts: Vec<Isometry2<f64>>,
+}
 
 /// Which objects a shift or turn of the map brings onto other objects together with many more. Rows of pilings match
 /// their neighbours as well as themselves, so a match of many of them is no evidence for one shift against the next.
@@ -27,25 +37,24 @@ pub(super) fn repeated(
     rays: &[Vec<Ray>],
     alike: &Alike,
     params: &ConsensusParams,
-) -> Vec<bool> {
+) -> Structure {
     let problem = Problem::new(map, map, alike, params);
     let centre = middle(&problem.p1);
-    let mut central: Vec<usize> = (0..map.len()).collect();
-    central.sort_by(|&i, &j| {
-        let distance = |k: usize| (problem.p1[k] - centre).norm_squared();
-        distance(i).total_cmp(&distance(j))
-    });
-    let pivots = central.into_iter().take(PIVOTS);
+    let pivots = &central(&problem.p1)[..PIVOTS.min(map.len())];
     let mut repeated = vec![false; map.len()];
+    let mut shifts: Vec<(usize, Isometry2<f64>)> = Vec::new();
     let identity = Isometry2::identity();
-    let moving = hypotheses(&problem, rays, rays, pivots).into_iter().filter(|h| h.pivot.0 != h.pivot.1);
+    let moving = hypotheses(&problem, rays, rays, |i, a| i != a && pivots.contains(&i)).into_iter();
     for hypothesis in moving.take(SELF_MATCHES) {
         let Some(found) = refine(&problem, &hypothesis.map1_from_map2) else { continue };
         if same_mode(params, &centre, &found.map1_from_map2, &identity) {
             continue;
         }
         let pairs = found.pairs.len() as f64;
-        let strong = coincidences(&problem, &found.pairs) >= FEWEST
+        let angle = found.map1_from_map2.rotation.angle().abs();
+        let straight = angle.min(std::f64::consts::PI - angle) < params.mode_angle;
+        let fewest = if straight { FEWEST } else { FEWEST_TURNED };
+        let strong = coincidences(&problem, &found.pairs) >= fewest
             && pairs >= SHARE_OF_ALL * map.len() as f64
             && pairs >= SHARE_INSIDE * found.inside;
         if strong {
@@ -53,9 +62,26 @@ pub(super) fn repeated(
                 repeated[i] = true;
                 repeated[a] = true;
             }
+            let moves = found.map1_from_map2;
+            if !shifts.iter().any(|(_, known)| same_mode(params, &centre, known, &moves)) {
+                shifts.push((found.pairs.len(), moves));
+            }
         }
     }
-    repeated
+    shifts.sort_by_key(|(pairs, _)| std::cmp::Reverse(*pairs));
+    let shifts = shifts.into_iter().flat_map(|(_, shift)| [shift, shift.inverse()]).collect();
+    Structure { repeated, shifts }
+}
+
+/// Indices of points, the one nearest their middle first.
+pub(super) fn central(points: &[Point2<f64>]) -> Vec<usize> {
+    let centre = middle(points);
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|&i, &j| {
+        let distance = |k: usize| (points[k] - centre).norm_squared();
+        distance(i).total_cmp(&distance(j))
+    });
+    order
 }
 
 /// Coordinates that agree beyond what it takes to fix the transform.

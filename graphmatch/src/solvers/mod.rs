@@ -4,6 +4,7 @@ mod discretize;
 mod gcgc;
 mod graduated_assignment;
 mod ipfp;
+mod lanes;
 mod rrwm;
 mod sinkhorn;
 

@@ -1,3 +1,6 @@
+use pulp::{Arch, Simd, WithSimd};
+
+use super::lanes;
 use super::sinkhorn::sinkhorn;
 use crate::{Affinity, Error};
 
@@ -34,40 +37,58 @@ pub fn rrwm(affinity: &Affinity, params: &RrwmParams) -> Result<Vec<f64>, Error>
             return Err(Error::BadParameter { name, value, need: "from 0 to 1 (alpha), to 300 (beta)" });
         }
     }
-    let (rows, columns) = (affinity.rows(), affinity.columns());
-    let size = rows * columns;
-    let mut walk = vec![1.0 / size.max(1) as f64; size];
-    let mut moved = vec![0.0; size];
-    affinity.apply(&vec![1.0; size], &mut moved);
-    let most = moved.iter().copied().fold(0.0, f64::max);
-    if most == 0.0 {
-        return Ok(vec![0.0; size]);
-    }
-    // The tiny share of the least degree is the reference's guard against 0/0, kept for equal answers.
-    let scale = (most + 1e-5 * moved.iter().copied().fold(f64::INFINITY, f64::min)).recip();
-    let mut jump = vec![0.0; size];
-    for _ in 0..params.iterations {
+    Ok(Arch::new().dispatch(Walk { affinity, params }))
+}
+
+struct Walk<'a> {
+    affinity: &'a Affinity,
+    params: &'a RrwmParams,
+}
+
+impl WithSimd for Walk<'_> {
+    type Output = Vec<f64>;
+
+    /// The loops over all pairs are inlined here, so that they are compiled for the vectors of the machine.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Vec<f64> {
+        let Self { affinity, params } = self;
+        let (rows, columns) = (affinity.rows(), affinity.columns());
+        let size = rows * columns;
+        let mut walk = vec![1.0; size];
+        let mut moved = vec![0.0; size];
         affinity.apply(&walk, &mut moved);
-        moved.iter_mut().for_each(|x| *x *= scale);
-        let (sum, largest) =
-            moved.iter().fold((0.0, 0.0), |(sum, most): (f64, f64), x| (sum + x, most.max(*x)));
-        if sum == 0.0 {
-            break;
+        let most = lanes::largest(&moved);
+        if most == 0.0 {
+            return vec![0.0; size];
         }
-        for (jump, x) in jump.iter_mut().zip(&moved) {
-            *jump = (params.beta * (x / largest - 1.0)).exp();
+        // The tiny share of the least degree is the reference's guard against 0/0, kept for equal answers.
+        let scale = (most + 1e-5 * moved.iter().copied().fold(f64::INFINITY, f64::min)).recip();
+        walk.fill(1.0 / size as f64);
+        let mut jump = vec![0.0; size];
+        for _ in 0..params.iterations {
+            affinity.apply(&walk, &mut moved);
+            let (sum, largest) = (lanes::sum(&moved, |x| x), lanes::largest(&moved));
+            if sum == 0.0 {
+                break;
+            }
+            for (jump, x) in jump.iter_mut().zip(&moved) {
+                *jump = lanes::exp(params.beta * (x / largest - 1.0));
+            }
+            sinkhorn(&mut jump, rows, columns, params.sinkhorn_iterations);
+            let rest = (1.0 - params.alpha) / sum;
+            for ((walk, jump), x) in walk.iter_mut().zip(&jump).zip(&moved) {
+                *walk = params.alpha * jump + rest * x;
+            }
+            let total = lanes::sum(&walk, |x| x).recip();
+            // What the reference looks at: the change against the walk before it was normalised.
+            for ((walk, x), change) in walk.iter_mut().zip(&moved).zip(&mut jump) {
+                *walk *= total;
+                *change = *walk - scale * x;
+            }
+            if lanes::sum(&jump, |x| x * x).sqrt() < 1e-5 {
+                break;
+            }
         }
-        sinkhorn(&mut jump, rows, columns, params.sinkhorn_iterations);
-        for ((walk, jump), x) in walk.iter_mut().zip(&jump).zip(&moved) {
-            *walk = params.alpha * jump + (1.0 - params.alpha) * x / sum;
-        }
-        let total: f64 = walk.iter().sum();
-        walk.iter_mut().for_each(|x| *x /= total);
-        // As the reference does: against the walk before it was normalised.
-        let change: f64 = walk.iter().zip(&moved).map(|(a, b)| (a - b) * (a - b)).sum();
-        if change.sqrt() < 1e-5 {
-            break;
-        }
+        walk
     }
-    Ok(walk)
 }

@@ -1,0 +1,69 @@
+//! Loops over numbers side by side, so that they compile to the vectors of the machine where they are inlined under a
+//! dispatch. The order of the sums is the same on every machine.
+
+const LANES: usize = 8;
+
+/// Sum of `value` of all numbers.
+#[inline(always)]
+pub(super) fn sum(x: &[f64], value: impl Fn(f64) -> f64) -> f64 {
+    let chunks = x.chunks_exact(LANES);
+    let tail: f64 = chunks.remainder().iter().map(|x| value(*x)).sum();
+    let mut sums = [0.0; LANES];
+    for chunk in chunks {
+        sums.iter_mut().zip(chunk).for_each(|(sum, x)| *sum += value(*x));
+    }
+    tail + sums.iter().sum::<f64>()
+}
+
+/// Largest number, at least 0.
+#[inline(always)]
+pub(super) fn largest(x: &[f64]) -> f64 {
+    let chunks = x.chunks_exact(LANES);
+    let tail = chunks.remainder().iter().copied().fold(0.0, f64::max);
+    let mut most = [0.0; LANES];
+    for chunk in chunks {
+        most.iter_mut().zip(chunk).for_each(|(most, x)| *most = if x > most { *x } else { *most });
+    }
+    most.into_iter().fold(tail, f64::max)
+}
+
+/// `eˣ` of a number from −700 to 0, to a few units in the last place, without branches.
+///
+/// `x = k ln 2 + r` with a whole `k`; `eʳ` by its series, `2ᵏ` by its bits.
+#[inline(always)]
+pub(super) fn exp(x: f64) -> f64 {
+    /// Adding this leaves a number rounded to a whole one, in the low bits.
+    const ROUND: f64 = 6_755_399_441_055_744.0;
+    // ln 2 in two parts, the first short enough that its product with k is exact.
+    const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
+    let shifted = x * std::f64::consts::LOG2_E + ROUND;
+    let k = shifted - ROUND;
+    let r = x - k * LN_2[0] - k * LN_2[1];
+    let mut series = 1.0;
+    for n in (1..=13).rev() {
+        series = 1.0 + series * r * (1.0 / f64::from(n));
+    }
+    series * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exp_is_that_of_the_standard_library() {
+        for k in 0..70_000 {
+            let x = -0.01 * f64::from(k);
+            assert!((exp(x) / x.exp() - 1.0).abs() < 1e-15 * 4.0, "{x}: {} and {}", exp(x), x.exp());
+        }
+        assert_eq!(exp(0.0), 1.0);
+    }
+
+    #[test]
+    fn sums_and_largest_take_the_tail_in() {
+        let x: Vec<f64> = (0..19).map(f64::from).collect();
+        assert_eq!(sum(&x, |x| 2.0 * x), 342.0);
+        assert_eq!(largest(&x), 18.0);
+        assert_eq!(largest(&x[..3]), 2.0);
+    }
+}
