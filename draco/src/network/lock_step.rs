@@ -62,7 +62,9 @@ struct Peer {
 
 impl Peer {
     fn take_frame(&mut self, at: (u64, u32), bytes: Vec<u8>) {
-        if self.frames.len() < MOST_FRAMES && !self.delivered.contains(&at) {
+        // of a complete step there can only be repetitions
+        let is_new = at.0 >= self.complete && !self.delivered.contains(&at);
+        if is_new && self.frames.len() < MOST_FRAMES {
             self.frames.insert(at, bytes);
         }
     }
@@ -97,7 +99,7 @@ impl Peer {
         let later = self.frames.split_off(&(step + 1, 0));
         let now = std::mem::replace(&mut self.frames, later);
         self.delivered.extend(now.keys());
-        if self.has_ended(step) {
+        if self.all_of(step) {
             self.complete = self.complete.max(step + 1);
         }
         now.into_values().collect()

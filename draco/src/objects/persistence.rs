@@ -55,11 +55,15 @@ struct Grid {
 }
 
 impl Grid {
-    /// `None` for no points, or ones that are too far apart.
+    /// `None` for no points, ones that are too far apart, and ones that are nowhere.
     fn around(scans: &[(Point2<f64>, Vec<Point2<f64>>)]) -> Option<Self> {
         let mut low = Vector2::repeat(f64::INFINITY);
         let mut high = Vector2::repeat(f64::NEG_INFINITY);
-        for point in scans.iter().flat_map(|(origin, points)| points.iter().chain([origin])) {
+        let all = || scans.iter().flat_map(|(origin, points)| points.iter().chain([origin]));
+        if !all().all(|point| (point.x + point.y).is_finite()) {
+            return None;
+        }
+        for point in all() {
             low = low.inf(&point.coords);
             high = high.sup(&point.coords);
         }
@@ -119,7 +123,7 @@ mod tests {
     #[test]
     fn what_others_look_through_does_not_stay() {
         // a wall 10 m ahead, and something that passes between: each keyframe sees it elsewhere
-        let wall = || (-20..=20).map(|i| Point2::new(10.5, 0.3 * f64::from(i)));
+        let wall = || (-30..=30).map(|i| Point2::new(10.5, 0.3 * f64::from(i)));
         let mut keyframes = Vec::new();
         for index in 0..6_u32 {
             let passing = Point2::new(5.5, 4.0 * f64::from(index) / 3.0 - 3.0);
