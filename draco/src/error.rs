@@ -93,6 +93,14 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
+    /// A network between processes that cannot be used.
+    #[error("{endpoint}: {reason}")]
+    Network {
+        /// The endpoint, or what kind of network it is.
+        endpoint: String,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// A message that cannot be sent.
     #[error(transparent)]
     Wire(#[from] crate::message::WireError),

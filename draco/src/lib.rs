@@ -28,6 +28,8 @@ pub mod draco1;
 pub mod two_step;
 
 pub mod mission;
+pub mod network;
+mod pilot;
 pub mod robot;
 pub mod unit;
 

@@ -1,10 +1,13 @@
-//! The acoustic modem between robots.
+//! The link between robots in one process.
 //!
 //! [`Modem`] is a model, not a driver. Robots take turns in time slots; in its slot a robot sends its waiting packets at
 //! the full rate of the channel and everybody else listens, so nobody ever sends while it should hear. What is sent
 //! arrives after the time sound needs for the distance, at those within range, unless a fault of [`Faults`] is in the
-//! way. A packet sent is counted once, whoever hears it. The same calls give the same result, to the bit.
+//! way. A packet sent is counted once, whoever hears it. The same calls give the same result, to the bit. [`Direct`] is no
+//! modem at all, but what a network of processes that wait for each other amounts to.
 
+mod channel;
+mod direct;
 mod faults;
 
 use std::borrow::Cow;
@@ -17,6 +20,9 @@ use crate::error::Error;
 use crate::keyframe::RobotId;
 use faults::Dice;
 
+pub(crate) use channel::Channel;
+pub use channel::ChannelKind;
+pub use direct::Direct;
 pub use faults::{Faults, Outage};
 
 /// What the modem can do.

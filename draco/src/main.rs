@@ -1,7 +1,12 @@
 //! The program `draco`: run a simulated or recorded mission and tell how it went.
 
+#[path = "main/progress.rs"]
+mod progress;
+#[path = "main/robot.rs"]
+mod robot;
+
 use std::io::{ErrorKind, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -11,13 +16,16 @@ use draco::alignment::MapKind;
 use draco::consistency::Method;
 use draco::experiment::{Experiment, Settings};
 use draco::keyframe::MissionData;
-use draco::link::Faults;
+use draco::link::{ChannelKind, Faults};
 use draco::mission::{self, MissionParams};
 use draco::objects::ObjectParams;
+use draco::report::RunReport;
+use draco::robot::RobotParams;
 use draco::simulate::{self, Scenario, SimulationParams};
 use draco::two_step::Optimisation;
 use draco::{dataset, report};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget};
+use progress::Teller;
 
 /// Robots with imaging sonar that build one map over an acoustic modem.
 #[derive(Parser)]
@@ -31,6 +39,8 @@ struct Cli {
 enum Command {
     /// Run a mission: an embedded scenario, or a folder of recorded keyframes.
     Run(Run),
+    /// Fly one robot of a team in a process of its own, over a network.
+    Robot(robot::FlyRobot),
     /// Repeat one of the experiments behind the figures in the documentation.
     #[command(after_help = experiments())]
     Experiment(RunExperiment),
@@ -64,8 +74,9 @@ fn experiments() -> String {
     "Experiments:\n".to_owned() + &Experiment::ALL.iter().map(line).collect::<String>()
 }
 
+/// What a mission is about and how its robots think.
 #[derive(Args)]
-struct Run {
+struct Mission {
     /// Embedded scenario: `harbor` (default) or `wreck`.
     #[arg(conflicts_with = "data")]
     scenario: Option<String>,
@@ -94,8 +105,18 @@ struct Run {
     /// has succeeded. May not exist yet, be empty, or hold an earlier result and nothing else.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+}
 
-    /// Share of packets that each receiver loses on the link, 0 to 1.
+#[derive(Args)]
+struct Run {
+    #[command(flatten)]
+    mission: Mission,
+
+    /// What connects the robots: the modelled acoustic modem, or `direct`, where every step hears all of the last one.
+    #[arg(long, value_name = "KIND", default_value = "modem")]
+    link: ChannelKind,
+
+    /// Share of packets that each receiver loses on the modem, 0 to 1.
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     loss: f64,
 
@@ -109,6 +130,7 @@ fn main() -> ExitCode {
     tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(tracing::Level::WARN).init();
     let result = match Cli::parse().command {
         Command::Run(arguments) => run(&arguments),
+        Command::Robot(arguments) => robot::fly(&arguments),
         Command::Experiment(arguments) => experiment(&arguments),
     };
     match result {
@@ -142,32 +164,28 @@ fn experiment(arguments: &RunExperiment) -> anyhow::Result<()> {
 }
 
 fn run(arguments: &Run) -> anyhow::Result<()> {
-    if let Some(folder) = &arguments.out {
-        report::check_output_folder(folder)?;
-    }
-    let data = load(arguments)?;
-    let mut params = MissionParams { seed: arguments.seed, ..Default::default() };
-    params.robot.method = arguments.consistency;
-    params.robot.optimisation = arguments.optimisation;
-    params.robot.alignment.maps = arguments.maps;
-    if arguments.maps == MapKind::Objects {
-        params.robot.objects = ObjectParams::published();
-    }
-    params.modem.faults = Faults { seed: arguments.seed, loss: arguments.loss, ..Faults::default() };
-    let bar = progress_bar(mission::step_count(&data));
-    let progress = |step: mission::Progress| {
-        bar.set_position(step.done);
-        bar.set_message(step.message);
-    };
+    let mission = &arguments.mission;
+    mission.check_output()?;
+    let data = mission.load()?;
+    let faults = Faults { seed: mission.seed, loss: arguments.loss, ..Faults::default() };
+    let mut params = MissionParams { seed: mission.seed, channel: arguments.link, ..Default::default() };
+    params.robot = mission.robot_params();
+    params.modem.faults = faults;
+    let mut teller = Teller::new(mission::step_count(&data));
+    let progress = |step| teller.tell(step);
     let result = match &arguments.state {
         Some(state) => mission::run_resumable(&data, &params, state, progress),
         None => mission::run(&data, &params, progress),
     };
-    bar.finish_and_clear();
-    let run_report = result.with_context(|| format!("mission {}", data.name))?;
-    let mut text = run_report.table();
-    if let Some(folder) = &arguments.out {
-        report::write_run(&run_report, folder)
+    teller.end();
+    tell(&result.with_context(|| format!("mission {}", data.name))?, mission.out.as_deref())
+}
+
+/// Prints the table of a run and writes its files.
+fn tell(report: &RunReport, out: Option<&Path>) -> anyhow::Result<()> {
+    let mut text = report.table();
+    if let Some(folder) = out {
+        report::write_run(report, folder)
             .with_context(|| format!("writing the results to {}", folder.display()))?;
         text += &format!("\nWritten to {}: open report.html for the map.\n", folder.display());
     }
@@ -194,24 +212,32 @@ fn one_line(error: &anyhow::Error) -> String {
     line
 }
 
-fn load(arguments: &Run) -> anyhow::Result<MissionData> {
-    if let Some(folder) = &arguments.data {
-        return Ok(dataset::read_keyframe_folder(folder)?);
+impl Mission {
+    fn check_output(&self) -> anyhow::Result<()> {
+        self.out.as_deref().map_or(Ok(()), report::check_output_folder)?;
+        Ok(())
     }
-    let name = arguments.scenario.as_deref().unwrap_or("harbor");
-    let scenario: Scenario = name.parse().map_err(anyhow::Error::msg)?;
-    let params = SimulationParams { scenario, seed: arguments.seed, ..SimulationParams::default() };
-    Ok(simulate::simulate(&params)?)
-}
 
-/// A bar on stderr; it shows nothing when stderr is not a terminal.
-fn progress_bar(length: u64) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
-    if let Ok(style) =
-        ProgressStyle::with_template("{bar:32} step {pos}/{len}, {elapsed} of {duration}  {msg}")
-    {
-        bar.set_style(style);
+    fn load(&self) -> anyhow::Result<MissionData> {
+        if let Some(folder) = &self.data {
+            return Ok(dataset::read_keyframe_folder(folder)?);
+        }
+        let name = self.scenario.as_deref().unwrap_or("harbor");
+        let scenario: Scenario = name.parse().map_err(anyhow::Error::msg)?;
+        let params = SimulationParams { scenario, seed: self.seed, ..SimulationParams::default() };
+        Ok(simulate::simulate(&params)?)
     }
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
+
+    fn robot_params(&self) -> RobotParams {
+        let mut params = RobotParams {
+            method: self.consistency,
+            optimisation: self.optimisation,
+            ..RobotParams::default()
+        };
+        params.alignment.maps = self.maps;
+        if self.maps == MapKind::Objects {
+            params.objects = ObjectParams::published();
+        }
+        params
+    }
 }

@@ -15,7 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::keyframe::{MissionData, Recording};
-use crate::link::{Modem, ModemParams, Outgoing};
+use crate::link::{Channel, ChannelKind, ModemParams, Outgoing};
+use crate::pilot::{PAUSE_WITHOUT_CLOCK, elapsed, own_time};
 use crate::report::{RobotReport, RunReport, Traffic};
 use crate::robot::{Robot, RobotParams};
 use crate::state;
@@ -28,7 +29,9 @@ pub struct MissionParams {
     pub seed: u64,
     /// The robots' settings, the same for all.
     pub robot: RobotParams,
-    /// The modem.
+    /// What connects them. Default the modem.
+    pub channel: ChannelKind,
+    /// The modem, if that is what connects them.
     pub modem: ModemParams,
     /// Steps after the last keyframe at most. Default 200; a mission ends as soon as all robots are silent, and
     /// says so when it had to stop before.
@@ -40,6 +43,7 @@ impl Default for MissionParams {
         MissionParams {
             seed: 0,
             robot: RobotParams::default(),
+            channel: ChannelKind::default(),
             modem: ModemParams::default(),
             closing_steps: 200,
         }
@@ -141,14 +145,11 @@ fn run_to_end(
     Ok(report)
 }
 
-/// Seconds of a closing step where the data do not tell how long a step takes.
-const PAUSE_WITHOUT_CLOCK: f64 = 10.0;
-
 /// The robots of a mission and the link between them.
 pub(crate) struct Team<'a> {
     pub(crate) recordings: &'a [Recording],
     pub(crate) robots: Vec<Robot>,
-    pub(crate) modem: Modem,
+    pub(crate) link: Channel,
     /// Seconds from the start of the mission.
     pub(crate) now: f64,
     /// Seconds of a step without keyframes.
@@ -163,12 +164,12 @@ pub(crate) struct Team<'a> {
 
 /// A mission after a complete step, as its state file holds it.
 #[derive(Serialize, Deserialize)]
-struct SavedTeam<R, M> {
+struct SavedTeam<R, L> {
     mission: [u8; 32],
     steps: u64,
     now: f64,
     robots: R,
-    modem: M,
+    link: L,
 }
 
 impl<'a> Team<'a> {
@@ -176,21 +177,21 @@ impl<'a> Team<'a> {
     fn resume(data: &'a MissionData, params: &MissionParams, path: &Path) -> Result<Self, Error> {
         let bytes = std::fs::read(path).map_err(|source| Error::io(path, source))?;
         let mut team = Team::new(data, params)?;
-        let saved: SavedTeam<Vec<Robot>, Modem> = state::from_bytes(&bytes)?;
+        let saved: SavedTeam<Vec<Robot>, Channel> = state::from_bytes(&bytes)?;
         if saved.mission != team.hash(params) || saved.robots.len() != team.robots.len() {
             let reason = format!("{} is the state of another mission, or of other settings", path.display());
             return Err(Error::State { reason });
         }
-        (team.steps, team.now, team.robots, team.modem) = (saved.steps, saved.now, saved.robots, saved.modem);
+        (team.steps, team.now, team.robots, team.link) = (saved.steps, saved.now, saved.robots, saved.link);
         team.robots.iter_mut().for_each(|robot| robot.set_params(params.robot.clone()));
-        team.modem.set_params(params.modem.clone());
+        team.link.set_params(&params.modem);
         Ok(team)
     }
 
     fn save(&self, params: &MissionParams, path: &Path) -> Result<(), Error> {
         let mission = self.hash(params);
-        let (robots, modem) = (&self.robots, &self.modem);
-        let saved = SavedTeam { mission, steps: self.steps, now: self.now, robots, modem };
+        let (robots, link) = (&self.robots, &self.link);
+        let saved = SavedTeam { mission, steps: self.steps, now: self.now, robots, link };
         state::write_whole(path, &state::to_bytes(&saved)?)
     }
 
@@ -214,7 +215,12 @@ impl<'a> Team<'a> {
             data_hash: *blake3::hash(&data_bytes).as_bytes(),
             recordings,
             robots: ids.iter().map(|&id| Robot::new(id, params.robot.clone())).collect(),
-            modem: Modem::new(&params.modem, ids.iter().copied(), params.robot.transport.mtu)?,
+            link: Channel::new(
+                params.channel,
+                &params.modem,
+                ids.iter().copied(),
+                params.robot.transport.mtu,
+            )?,
             now: 0.0,
             pause: if duration > 0.0 {
                 duration / step_count(data).max(1) as f64
@@ -231,7 +237,7 @@ impl<'a> Team<'a> {
             None => self.now + self.pause,
         };
         // between two keyframes robots only keep the link going, once in every round of the channel
-        let rounds = ((now - self.now) / self.modem.cycle_s()).ceil() as usize;
+        let rounds = self.link.rounds(now - self.now);
         let (last, length) = (self.now, now - self.now);
         for round in 1..rounds {
             self.advance(last + length * round as f64 / rounds as f64, |robot, _, now| robot.tick(now))?;
@@ -242,17 +248,20 @@ impl<'a> Team<'a> {
             Some(Point2::from(truth.translation.vector * unit))
         };
         for recording in self.recordings.iter().filter(|_| index.is_some()) {
-            self.modem.place(recording.robot, place(recording));
+            self.link.place(recording.robot, place(recording));
         }
-        let silent = self.advance(now, |robot, recording, now| {
+        let (steps, own_clocks) = (self.steps, matches!(self.link, Channel::Direct(_)));
+        let clock = |recording: &Recording| if own_clocks { own_time(recording, steps) } else { now };
+        let silent = self.advance(now, |robot, recording, _| {
             if let Some(keyframe) = index.and_then(|i| recording.keyframes.get(i)) {
                 robot.add_keyframe(keyframe)?;
             }
-            robot.step(now)
+            robot.step(clock(recording))
         })?;
         self.steps += 1;
-        let settled = self.robots.iter().all(|robot| robot.is_settled(now));
-        Ok(silent && settled && self.modem.is_idle())
+        let mut robots = self.robots.iter().zip(self.recordings);
+        let settled = robots.all(|(robot, recording)| robot.is_settled(clock(recording)));
+        Ok(silent && settled && self.link.is_idle())
     }
 
     /// Moves the clock to `now`, delivers what has arrived, lets every robot act and hands over what it sends. Returns
@@ -264,7 +273,7 @@ impl<'a> Team<'a> {
     ) -> Result<bool, Error> {
         self.now = now;
         let mut inbox: BTreeMap<u32, Vec<Vec<u8>>> = BTreeMap::new();
-        for delivery in self.modem.receive(now) {
+        for delivery in self.link.receive(now) {
             inbox.entry(delivery.receiver).or_default().push(delivery.bytes);
         }
         // robots meet only over the link, so they may act at the same time without changing the result
@@ -283,7 +292,7 @@ impl<'a> Team<'a> {
         for (robot, packets) in self.robots.iter().zip(sent) {
             for packet in packets? {
                 silent = false;
-                self.modem.send(now, robot.id(), packet)?;
+                self.link.send(now, robot.id(), packet)?;
             }
         }
         Ok(silent)
@@ -309,7 +318,7 @@ impl<'a> Team<'a> {
             seed: params.seed,
             consistency: params.robot.method.to_string(),
             truth_has_heading: data.truth_has_heading,
-            link_bits_per_second: Some(params.modem.rate_bps),
+            link_bits_per_second: self.link.rate_bps(&params.modem),
             ..Default::default()
         };
         for (robot, recording) in self.robots.iter().zip(self.recordings) {
@@ -317,13 +326,17 @@ impl<'a> Team<'a> {
             report.closures.extend(robot.closure_reports());
         }
         report.closures.sort_by(|a, b| a.time.total_cmp(&b.time));
-        let mut log: Vec<_> = self.modem.log().to_vec();
+        let mut log: Vec<_> = self.link.log().to_vec();
         log.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.sender.cmp(&b.sender)));
         report.traffic = log
             .iter()
             .map(|t| Traffic { time: t.time, robot: t.sender, kind: t.kind.to_string(), bits: t.bits })
             .collect();
         report.settings.push(("optimisation".into(), params.robot.optimisation.to_string()));
+        if params.channel == ChannelKind::Direct {
+            let print = |robot: &Robot| (format!("fingerprint of robot {}", robot.id()), robot.fingerprint());
+            report.settings.extend(self.robots.iter().map(print));
+        }
         if let Some(robot) = reference {
             report.settings.push(("reference robot".into(), robot.id().to_string()));
             report.graph_g2o = robot.team_graph_g2o()?;
@@ -332,13 +345,8 @@ impl<'a> Team<'a> {
     }
 }
 
-/// Seconds from the robot's first keyframe to keyframe `index`, or to its last one when it has fewer.
-fn elapsed(recording: &Recording, index: usize) -> f64 {
-    let keyframes = &recording.keyframes;
-    keyframes[index.min(keyframes.len() - 1)].time - keyframes[0].time
-}
-
-fn robot_report(
+/// * `reference` – the robot in whose frame it is reported, if there is one.
+pub(crate) fn robot_report(
     robot: &Robot,
     recording: &Recording,
     reference: Option<&Robot>,

@@ -71,3 +71,22 @@ fn an_unknown_scenario_is_a_failed_run_and_an_unknown_option_wrong_usage() {
     assert_eq!(draco(&["run", "--consistency", "faith"]).status.code(), Some(2));
     assert_eq!(draco(&["--help"]).status.code(), Some(0));
 }
+
+#[test]
+fn a_robot_that_cannot_fly_says_why_in_one_line() {
+    let fails = |arguments: &[&str], status: i32, expected: &str| {
+        let output = draco(&[&["robot"][..], arguments].concat());
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(status), "{message}");
+        assert!(message.contains(expected), "wanted `{expected}` in `{message}`");
+        assert!(status == 2 || message.lines().count() == 1, "{message}");
+    };
+    fails(&["--id", "9", "--listen", "127.0.0.1:0"], 1, "robot 9 is not on this link");
+    fails(&["--id", "1", "--listen", "nowhere"], 1, "endpoint `nowhere`");
+    fails(&["--id", "1", "--listen", "192.0.2.1:7"], 1, "192.0.2.1:7");
+    fails(&["--id", "1", "--listen", "127.0.0.1:0", "--key-file", "no.key"], 1, "no.key");
+    fails(&["--id", "1"], 2, "--listen");
+    fails(&["--id", "1", "--listen", "127.0.0.1:0", "--patience", "long"], 2, "--patience");
+    #[cfg(not(feature = "zenoh"))]
+    fails(&["--id", "1", "--listen", "tcp/127.0.0.1:0", "--link", "zenoh"], 1, "without the feature `zenoh`");
+}

@@ -63,3 +63,25 @@ fn numbers_of_objects_last_as_the_map_grows() {
     }
     assert!(f64::from(kept) > 0.9 * f64::from(seen), "{kept} of {seen}");
 }
+
+#[test]
+fn what_moves_is_no_object() {
+    let params = SimulationParams { movers: 8, seed: 3, ..SimulationParams::default() };
+    let (mut ghosts, mut kept) = ([0, 0], [0, 0]);
+    let mission = simulate(&params).expect("valid");
+    let world = params.scenario.world(params.seed);
+    for recording in &mission.recordings {
+        let poses: Vec<_> = recording.truth.iter().flatten().copied().collect();
+        for (at, drop_moving) in [false, true].into_iter().enumerate() {
+            let params = ObjectParams { drop_moving, ..ObjectParams::default() };
+            let found = extract(&recording.keyframes, &poses, &params).expect("valid");
+            let stands = |object: &&Object| world.clearance(&object.centroid) < 2.5;
+            kept[at] += found.iter().filter(stands).count();
+            ghosts[at] += found.len() - found.iter().filter(stands).count();
+        }
+    }
+    println!("{ghosts:?} ghosts, {kept:?} that stand");
+    assert!(ghosts[0] >= 4, "too few vehicles were seen to tell: {ghosts:?}");
+    assert!(5 * ghosts[1] <= ghosts[0], "{ghosts:?}");
+    assert!(10 * kept[1] >= 9 * kept[0], "{kept:?}");
+}

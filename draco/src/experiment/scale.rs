@@ -44,9 +44,9 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
         // the threads of all cores share the work of all robots
         let busy = start.elapsed().as_secs_f64() * rayon::current_num_threads().min(robots) as f64;
         let cost = 1000.0 * busy / (KEYFRAMES * robots) as f64;
-        let bits: u64 = team.modem.log().iter().map(|t| t.bits).sum();
-        let behind = team.modem.log().last().map_or(0.0, |t| (t.time - team.now).max(0.0));
-        let waiting = team.modem.waiting_bits() as f64 / 62_500.0;
+        let bits: u64 = team.link.log().iter().map(|t| t.bits).sum();
+        let behind = team.link.log().last().map_or(0.0, |t| (t.time - team.now).max(0.0));
+        let waiting = team.link.waiting_bits() as f64 / 62_500.0;
         let state: usize = team.robots.iter().map(|robot| robot.save().map_or(0, |bytes| bytes.len())).sum();
         points.push([robots as f64, cost]);
         table.push([

@@ -4,6 +4,7 @@ use draco_graphmatch::dbscan;
 use nalgebra::{Isometry2, Matrix2, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::persistence::stays;
 use super::rectangle::{Rectangle, minimum_area_rectangle};
 use crate::Error;
 use crate::keyframe::Keyframe;
@@ -24,6 +25,9 @@ pub struct ObjectParams {
     pub max_length_m: f64,
     /// Keyframes that must have contributed. Default 2: what only one scan saw may have been passing by.
     pub min_keyframes: usize,
+    /// Whether places that more keyframes looked through than saw something at are left out: what moves. Default yes; the
+    /// published system keeps them.
+    pub drop_moving: bool,
     /// How the centroid is taken. Default [`Centroid::Area`].
     pub centroid: Centroid,
 }
@@ -46,18 +50,20 @@ impl Default for ObjectParams {
             min_length_m: 2.0,
             max_length_m: 10.0,
             min_keyframes: 2,
+            drop_moving: true,
             centroid: Centroid::Area(0.3),
         }
     }
 }
 
 impl ObjectParams {
-    /// The published system: whole clusters from 3 m, mean of all points, one keyframe is enough.
+    /// The published system: whole clusters from 3 m, mean of all points, one keyframe is enough, moving or not.
     pub fn published() -> Self {
         Self {
             min_length_m: 3.0,
             max_length_m: f64::INFINITY,
             min_keyframes: 1,
+            drop_moving: false,
             centroid: Centroid::Points,
             ..Self::default()
         }
@@ -100,9 +106,13 @@ pub fn extract(
 ) -> Result<Vec<Object>, Error> {
     let mut points = Vec::new();
     let mut seen_by = Vec::new();
-    for (keyframe, pose) in keyframes.iter().zip(poses) {
-        points.extend(keyframe.points.iter().map(|point| pose * point));
-        seen_by.extend(std::iter::repeat_n(keyframe.index, keyframe.points.len()));
+    let stay = params.drop_moving.then(|| stays(keyframes, poses));
+    for (at, (keyframe, pose)) in keyframes.iter().zip(poses).enumerate() {
+        let kept = |place: usize| stay.as_ref().is_none_or(|stay| stay[at][place]);
+        for (_, point) in keyframe.points.iter().enumerate().filter(|(place, _)| kept(*place)) {
+            points.push(pose * point);
+            seen_by.push(keyframe.index);
+        }
     }
     let mut clusters: BTreeMap<usize, Vec<Member>> = BTreeMap::new();
     let labels = dbscan(&points, params.eps_m, params.min_samples)?;

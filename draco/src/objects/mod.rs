@@ -6,6 +6,7 @@
 
 mod cells;
 mod extract;
+mod persistence;
 mod rectangle;
 mod tracks;
 

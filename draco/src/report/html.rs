@@ -25,6 +25,7 @@ impl RunReport {
         page += &self.closure_figure();
         page += &self.traffic_figure(&summary);
         page += "</div>";
+        page += &self.object_figures();
         page += &self.alignments();
         page += &self.details(&summary);
         let _ = writeln!(page, "</main><script>{}</script></body></html>", include_str!("page.js"));
@@ -110,22 +111,16 @@ impl RunReport {
     }
 
     fn robot_table(&self, summary: &Summary) -> String {
-        let kinds = self.message_kinds();
         let mut html = "<section><h2>Robots</h2><div class=\"scroll\"><table id=\"robots\"><thead><tr><th>robot\
-            <th>keyframes<th>path<th>proposed<th>accepted<th>true<th>dead reckoning<th>local SLAM<th>final<th>sent"
+            <th>keyframes<th>path<th>proposed<th>accepted<th>true<th>dead reckoning<th>local SLAM<th>final<th>sent\
+            </thead><tbody>"
             .to_owned();
-        for kind in &kinds {
-            let _ = write!(html, "<th>{}", escape(kind));
-        }
-        html += "</thead><tbody>";
         for robot in &summary.robots {
-            let color = self.color_of(robot.id);
             let alone = if robot.merged { "" } else { " <em>alone</em>" };
             let _ = write!(
                 html,
-                "<tr><th class=\"c{color}\"><i></i>{}{alone}<td>{}<td>{:.0} m<td>{}<td>{}<td>{}<td>{}<td>{}<td><b>{}\
-                 </b><td>{}",
-                robot.id,
+                "<tr>{}{alone}<td>{}<td>{:.0} m<td>{}<td>{}<td>{}<td>{}<td>{}<td><b>{}</b><td>{}",
+                self.row_head(robot.id),
                 robot.keyframes,
                 robot.path_m,
                 robot.closures.proposed,
@@ -136,9 +131,6 @@ impl RunReport {
                 metres(robot.ate_m),
                 kbit(robot.sent_bits.values().sum()),
             );
-            for kind in &kinds {
-                let _ = write!(html, "<td>{}", kbit(robot.sent_bits.get(kind).copied().unwrap_or(0)));
-            }
         }
         let team = &summary.team;
         let _ = write!(
@@ -151,12 +143,35 @@ impl RunReport {
             metres(team.ate_m),
             kbit(team.sent_bits),
         );
+        html + "</tfoot></table></div><p class=\"note\">Errors are position RMSE after one rigid alignment; traffic is in \
+                kbit, headers included.</p></section>"
+    }
+
+    fn row_head(&self, robot: crate::keyframe::RobotId) -> String {
+        format!("<th class=\"c{}\"><i></i>{robot}", self.color_of(robot))
+    }
+
+    /// What each robot sent by type of message, kbit.
+    fn traffic_table(&self, summary: &Summary) -> String {
+        let kinds = self.message_kinds();
+        let mut html = "<div class=\"scroll\"><table id=\"sent\"><thead><tr><th>kbit".to_owned();
+        for kind in &kinds {
+            let _ = write!(html, "<th>{}", escape(kind));
+        }
+        html += "</thead><tbody>";
+        for robot in &summary.robots {
+            html += "<tr>";
+            html += &self.row_head(robot.id);
+            for kind in &kinds {
+                let _ = write!(html, "<td>{}", kbit(robot.sent_bits.get(kind).copied().unwrap_or(0)));
+            }
+        }
+        html += "</tbody><tfoot><tr><th>team";
         for kind in &kinds {
             let sent: u64 = summary.robots.iter().filter_map(|robot| robot.sent_bits.get(kind)).sum();
             let _ = write!(html, "<td>{}", kbit(sent));
         }
-        html + "</tfoot></table></div><p class=\"note\">Errors are position RMSE after one rigid alignment, metres; \
-                traffic is in kbit, headers included.</p></section>"
+        html + "</tfoot></table></div>"
     }
 
     fn error_figures(&self) -> String {
@@ -213,7 +228,9 @@ impl RunReport {
         for (index, kind) in self.message_kinds().iter().enumerate() {
             let _ = write!(html, "<span><i class=\"k{index}\"></i>{}</span> ", escape(kind));
         }
-        html += "</p><p class=\"note\">";
+        html += "</p>";
+        html += &self.traffic_table(summary);
+        html += "<p class=\"note\">";
         if let Some(bits) = summary.team.bits_per_accepted_closure {
             let _ = write!(html, "{:.2} kbit for each accepted closure. ", bits / 1000.0);
         }

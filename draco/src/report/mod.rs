@@ -6,6 +6,7 @@
 mod chart;
 mod html;
 mod map;
+mod objects;
 mod output;
 mod run;
 mod summary;

@@ -194,7 +194,9 @@ impl RunReport {
     fn count(&self, select: impl Fn(&ClosureReport) -> bool) -> CountSummary {
         let counts = self.counts(&select);
         let waits = |closure: &&ClosureReport| closure.decision == Decision::Undecided && select(closure);
-        let has_truth = self.robots.iter().any(|robot| robot.truth.iter().any(Option::is_some));
+        let mut selected = self.closures.iter().filter(|closure| select(closure)).peekable();
+        let has_truth = self.robots.iter().any(|robot| robot.truth.iter().any(Option::is_some))
+            && (selected.peek().is_none() || selected.any(|closure| self.grade(closure).is_some()));
         CountSummary {
             proposed: counts.proposed,
             accepted: counts.accepted,

@@ -55,6 +55,23 @@ impl Robot {
         self.partners.iter().map(of).collect()
     }
 
+    /// A hash of every bit of the own map and of the estimate of the team.
+    pub fn fingerprint(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        let mut add = |poses: &[Isometry2<f64>]| {
+            hasher.update(&(poses.len() as u64).to_le_bytes());
+            for pose in poses {
+                let values = [pose.translation.x, pose.translation.y, pose.rotation.re, pose.rotation.im];
+                for value in values {
+                    hasher.update(&value.to_le_bytes());
+                }
+            }
+        };
+        add(self.local_poses());
+        self.team.robots().filter_map(|robot| self.team.trajectory(robot)).for_each(add);
+        hasher.finalize().to_hex()[..16].to_owned()
+    }
+
     /// Points of all keyframes of the own map.
     pub fn point_count(&self) -> usize {
         self.local.keyframes().iter().map(|keyframe| keyframe.points.len()).sum()

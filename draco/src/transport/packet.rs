@@ -31,6 +31,19 @@ impl TeamKey {
         ))
     }
 
+    /// `body` with its tag.
+    pub(crate) fn seal(&self, mut body: Vec<u8>) -> Vec<u8> {
+        body.extend_from_slice(&self.tag(&body));
+        body
+    }
+
+    /// What [`TeamKey::seal`] was given, if `bytes` end in its tag.
+    pub(crate) fn open<'a>(&self, bytes: &'a [u8]) -> Option<&'a [u8]> {
+        let (body, tag) = bytes.split_last_chunk::<TAG_BYTES>()?;
+        // every byte is compared whatever the others are, so that time tells nothing about the right tag
+        (self.tag(body).iter().zip(tag).fold(0, |differ, (a, b)| differ | (a ^ b)) == 0).then_some(body)
+    }
+
     /// BLAKE3 keyed with this, of `body`, cut to [`TAG_BYTES`].
     fn tag(&self, body: &[u8]) -> [u8; TAG_BYTES] {
         let mut tag = [0; TAG_BYTES];
@@ -99,8 +112,7 @@ impl Packet {
         let mut bytes = postcard::to_extend(&header, vec![VERSION])
             .map_err(|e| WireError::Malformed { reason: e.to_string() })?;
         bytes.extend_from_slice(&self.payload);
-        bytes.extend_from_slice(&key.tag(&bytes));
-        Ok(bytes)
+        Ok(key.seal(bytes))
     }
 
     /// The packet in `bytes`, if the tag is that of `key`. Never panics, whatever the bytes are.
@@ -109,17 +121,13 @@ impl Packet {
     /// The [`Refusal`] that says what is wrong. Nothing but version and tag of a packet is looked at before the tag has
     /// been found right.
     pub fn decode(bytes: &[u8], key: &TeamKey) -> Result<Self, Refusal> {
-        let Some((body, tag)) = bytes.split_last_chunk::<TAG_BYTES>().filter(|(body, _)| body.len() > 4)
-        else {
+        if bytes.len() <= TAG_BYTES + 4 {
             return Err(Refusal::Length);
-        };
-        if body[0] != VERSION {
+        }
+        if bytes[0] != VERSION {
             return Err(Refusal::Version);
         }
-        // every byte is compared whatever the others are, so that time tells nothing about the right tag
-        if key.tag(body).iter().zip(tag).fold(0, |differ, (a, b)| differ | (a ^ b)) != 0 {
-            return Err(Refusal::Tag);
-        }
+        let body = key.open(bytes).ok_or(Refusal::Tag)?;
         let (header, payload) =
             postcard::take_from_bytes::<Header>(&body[1..]).map_err(|_| Refusal::Malformed)?;
         if RobotId::from(header.sender) == BROADCAST {

@@ -5,10 +5,11 @@ use rand_chacha::ChaCha8Rng;
 
 use super::intruder::{hostile, mutate, read_mutated_data};
 use super::plan::{Plan, Restart, StateFile};
+use super::site::record;
+use crate::evaluate::Decision;
 use crate::keyframe::{Keyframe, MissionData};
 use crate::link::{Modem, Outgoing};
 use crate::robot::{Robot, RobotParams};
-use crate::simulate::simulate;
 use crate::transport::{Packet, TeamKey};
 
 /// Steps after the last keyframe at most.
@@ -31,6 +32,11 @@ pub(super) struct Flight {
     pub(super) restarts: u64,
     pub(super) torn: u64,
     pub(super) merged: u64,
+    pub(super) robots: u64,
+    /// Closures believed at the end, by all robots.
+    pub(super) accepted: u64,
+    /// Steps of a robot in which it had met another.
+    pub(super) together: u64,
 }
 
 /// One place in the team; the robot in it may be down.
@@ -65,11 +71,11 @@ struct Mission<'a> {
 
 /// Flies the plan and checks what must hold. An error tells what did not.
 pub(super) fn fly(plan: &Plan) -> Result<Flight, String> {
-    let data = simulate(&plan.simulation).map_err(|e| e.to_string())?;
+    let data = record(plan).map_err(|e| e.to_string())?;
     let ids = || data.recordings.iter().map(|r| r.robot);
-    let params = RobotParams::default();
+    let params = &plan.robot;
     let berth = |id| Berth {
-        robot: Some(Robot::new(id, RobotParams::default())),
+        robot: Some(Robot::new(id, params.clone())),
         state: Vec::new(),
         epoch: 0,
         back_at: 0,
@@ -112,7 +118,7 @@ impl Mission<'_> {
         for (berth, recording) in self.berths.iter_mut().zip(&data.recordings) {
             berth.recorded.extend(recording.keyframes.get(step).cloned());
             if berth.robot.is_none() && step >= berth.back_at {
-                berth.robot = Some(berth.revive(recording.robot)?);
+                berth.robot = Some(berth.revive(recording.robot, &plan.robot)?);
             }
         }
         let silent = self.round(Some(data), step)?;
@@ -136,7 +142,7 @@ impl Mission<'_> {
             }
         }
         self.flight.torn += u64::from(restart.file != StateFile::Whole);
-        let restored = Robot::restore(&bytes, RobotParams::default());
+        let restored = Robot::restore(&bytes, self.plan.robot.clone());
         if restored.is_ok() != (restart.file == StateFile::Whole) {
             return Err(format!("a state file {:?} was {:?}", restart.file, restored.map(|r| r.id())));
         }
@@ -208,6 +214,7 @@ impl Mission<'_> {
         for (at, robot) in self.berths.iter().enumerate().filter_map(|(at, b)| Some((at, b.robot.as_ref()?)))
         {
             let team = robot.team();
+            self.flight.together += u64::from(team.robots().count() > 1);
             let poses = team.robots().filter_map(|r| team.trajectory(r)).flatten().chain(robot.local_poses());
             if poses
                 .into_iter()
@@ -272,7 +279,11 @@ impl Mission<'_> {
                     self.hasher.update(&value.to_le_bytes());
                 }
             }
+            self.flight.robots += 1;
             self.flight.merged += u64::from(team.robots().count() > 1);
+            let closures = robot.closure_reports();
+            let accepted = closures.iter().filter(|closure| closure.decision == Decision::Accepted);
+            self.flight.accepted += accepted.count() as u64;
         }
         self.agree()?;
         self.flight.digest = *self.hasher.finalize().as_bytes();
@@ -299,7 +310,7 @@ impl Mission<'_> {
                 let (Some(ab), Some(ba)) = (a.places(b.id()), b.places(a.id())) else { continue };
                 let middle = b.local_poses()[b.local_poses().len() / 2] * nalgebra::Point2::origin();
                 let gap = (ba * ab * middle - middle).norm();
-                if gap > RobotParams::default().alignment.same_distance {
+                if gap > self.plan.robot.alignment.same_distance {
                     return Err(format!(
                         "robots {} and {} place each other {gap:.1} m apart",
                         a.id(),
@@ -314,14 +325,14 @@ impl Mission<'_> {
 
 impl Berth {
     /// The robot as its state file has it, or a new one that has lost everything.
-    fn revive(&mut self, id: u32) -> Result<Robot, String> {
-        match Robot::restore(&self.state, RobotParams::default()) {
+    fn revive(&mut self, id: u32, params: &RobotParams) -> Result<Robot, String> {
+        match Robot::restore(&self.state, params.clone()) {
             Ok(robot) => Ok(robot),
             Err(_) => {
                 self.epoch += 1;
                 self.given = 0;
                 self.heard.clear();
-                Ok(Robot::in_epoch(id, self.epoch, RobotParams::default()))
+                Ok(Robot::in_epoch(id, self.epoch, params.clone()))
             }
         }
     }

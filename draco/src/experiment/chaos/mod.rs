@@ -3,6 +3,7 @@
 mod flight;
 mod intruder;
 mod plan;
+mod site;
 
 use rayon::prelude::*;
 
@@ -43,7 +44,12 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
     table.push(["mutated data sets".into(), sum(|f| f.mutated_data)]);
     table.push(["restarts with their state".into(), sum(|f| f.restarts)]);
     table.push(["restarts with a torn state file".into(), sum(|f| f.torn)]);
-    table.push(["robots that met another".into(), sum(|f| f.merged)]);
+    table.push(["robots".into(), sum(|f| f.robots)]);
+    table.push(["robots that are with another at the end".into(), sum(|f| f.merged)]);
+    table.push(["steps of robots that had met another".into(), sum(|f| f.together)]);
+    table.push(["closures believed at the end".into(), sum(|f| f.accepted)]);
+    let meetings = flights.iter().filter(|f| f.merged > 0).count();
+    table.push(["seeds in which robots met".into(), meetings.into()]);
     let mut figure = Figure {
         title: "Chaos: packets delivered a seed".into(),
         x: "seed".into(),

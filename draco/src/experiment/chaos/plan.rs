@@ -2,6 +2,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::link::{Faults, ModemParams, Outage};
+use crate::robot::RobotParams;
 use crate::simulate::{OdometryNoise, Scenario, SimulationParams};
 
 /// What happens to a robot's process.
@@ -28,10 +29,17 @@ pub(super) enum StateFile {
 }
 
 /// Everything about one mission.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub(super) struct Plan {
     pub(super) seed: u64,
     pub(super) simulation: SimulationParams,
+    /// Keyframes a robot.
+    pub(super) keyframes: usize,
+    /// Where on its path the first robot begins, as a share.
+    pub(super) begin: f64,
+    /// Whether the others begin near to it.
+    pub(super) near: bool,
+    pub(super) robot: RobotParams,
     pub(super) modem: ModemParams,
     pub(super) restarts: Vec<Restart>,
     pub(super) intruder: bool,
@@ -40,12 +48,15 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// The plan of a seed. One in twelve is long enough for robots to meet.
+    /// The plan of a seed. Three in four are such that robots can meet: they are near to each other, and compare their
+    /// maps earlier and more often than by default.
     pub(super) fn draw(seed: u64) -> Self {
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-        let robots = rng.random_range(2..=4);
-        let long = rng.random_bool(1.0 / 12.0);
-        let keyframes = if long { rng.random_range(28..=34) } else { rng.random_range(3..=12) };
+        let near = rng.random_bool(0.75);
+        let robots = if near { rng.random_range(2..=3) } else { rng.random_range(2..=4) };
+        let keyframes = if near { rng.random_range(11..=16) } else { rng.random_range(3..=12) };
+        let begin = rng.random();
+        let robot = if near { eager(rng) } else { RobotParams::default() };
         let odometry = OdometryNoise {
             translation_m: rng.random_range(0.02..0.4),
             rotation_rad: rng.random_range(0.001..0.04),
@@ -54,13 +65,11 @@ impl Plan {
         let simulation = SimulationParams {
             scenario: if rng.random_bool(0.5) { Scenario::Harbor } else { Scenario::Wreck },
             seed: rng.random_range(0..1000),
-            robots: if long { 2 } else { robots },
-            keyframes: Some(keyframes),
+            robots,
             odometry,
             movers: if rng.random_bool(0.3) { rng.random_range(1..6) } else { 0 },
             ..SimulationParams::default()
         };
-        let robots = simulation.robots;
         let modem = ModemParams { faults: faults(rng, robots, keyframes), ..ModemParams::default() };
         let restarts = (0..if rng.random_bool(0.5) { rng.random_range(1..3) } else { 0 })
             .map(|_| Restart {
@@ -78,12 +87,27 @@ impl Plan {
         Plan {
             seed,
             simulation,
+            keyframes,
+            begin,
+            near,
+            robot,
             modem,
             restarts,
             intruder: rng.random_bool(0.6),
             clocks: (0..robots).map(|_| if rng.random_bool(0.5) { clock(rng) } else { (0.0, 0.0) }).collect(),
         }
     }
+}
+
+/// Settings with which robots meet after a few keyframes. They believe less evidence than they should outside of a test.
+fn eager(rng: &mut impl Rng) -> RobotParams {
+    let mut params = RobotParams::default();
+    params.exchange.map_interval = rng.random_range(1..=3);
+    params.cells.min_keyframes = rng.random_range(2..=3);
+    params.alignment.min_cells = rng.random_range(20..=40);
+    params.alignment.min_streak = rng.random_range(2..=3);
+    params.alignment.min_tested = rng.random_range(5..=10);
+    params
 }
 
 fn faults(rng: &mut impl Rng, robots: usize, keyframes: usize) -> Faults {
