@@ -388,15 +388,6 @@ fn translations<const D: usize>(
     }
     let mut cholesky = Cholesky::<1>::new(symbolic.clone(), &layout.pairs);
     cholesky.factor(&hessian, None)?;
-    let mut column = vec![SVector::<f64, 1>::zeros(); n];
-    for c in 0..D {
-        for (x, t) in column.iter_mut().zip(&rhs) {
-            x[0] = t[c];
-        }
-        cholesky.solve(&mut column);
-        for (x, t) in column.iter().zip(&mut rhs) {
-            t[c] = x[0];
-        }
-    }
+    cholesky.solve_together(&mut rhs);
     Ok(rhs)
 }

@@ -104,7 +104,8 @@ fn user_defined_factors_count_and_an_undetermined_pose_is_named() {
     };
     assert!(solution.final_cost < 1e-9, "{solution:?}");
     assert!((distance(0) - 5.0).abs() < 1e-6 && (distance(3) - 4.0).abs() < 1e-6);
-    // one distance does not determine a pose
+    // two distances leave robot 1 free to turn; once it is held, the beacon alone is not determined, by one distance
+    graph.set_fixed(Key::new(1, 0), true).unwrap();
     graph.add_pose(beacon, at(2.0, 2.0, 0.0)).unwrap();
     graph.add_custom(link(Key::new(0, 1), beacon, 2.0), Kernel::None).unwrap();
     let params = SolveParams { method: Method::GaussNewton, start: Start::Given, ..SolveParams::default() };

@@ -7,6 +7,7 @@ mod inverse;
 mod minimum_fill;
 #[cfg(feature = "rayon")]
 mod parallel;
+mod scalar;
 mod symbolic;
 
 pub(crate) use factor::{BlockMatrix, Cholesky};
