@@ -56,6 +56,7 @@ fn bad_lines_of_trajectories_are_named() {
         ("2 0 0 0 0 0 0", "ends"),
         ("2 0 0 0 0 0 0 1 0", "unexpected"),
         ("2 0 0 0 0 0 0 0", "quaternion"),
+        ("2 0 0 0 3e176 0 0 1", "quaternion"),
         ("2 0 0 nan 0 0 0 1", "not finite"),
         ("2 0 0 x 0 0 0 1", "not a number"),
     ] {

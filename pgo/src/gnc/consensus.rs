@@ -17,9 +17,9 @@ const STEPS: usize = 6;
 /// loosest is used only when the strictest leaves nothing to take in, since a false one in a part of the map that
 /// nothing else holds yet can bend it for good.
 const FALSE_SHARES: [f64; 2] = [1e-3, 1e-2];
-/// Odds of being false with which a candidate is taken in by itself while the set grows, and at the end.
-const ODDS_GROWING: f64 = 1e-3;
-const ODDS_AT_LAST: f64 = 1e-2;
+/// While the set grows, and at the end, when the map is firm.
+const GROWING: Stage = Stage { odds: 1e-3, hopeless: 100.0 };
+const AT_LAST: Stage = Stage { odds: 1e-2, hopeless: 4.0 };
 /// Tests whose probabilities to pass by chance are within this factor are of a like sharpness.
 const LIKE: f64 = 4.0;
 /// Largest probability to pass by chance of a test that tells right from false by itself.
@@ -27,8 +27,15 @@ const SHARP: f64 = 0.1;
 /// Largest variance of a rotation, in rad², at which its distribution still is near enough to a Gaussian one to
 /// judge by.
 const LARGEST_TURN: f64 = 0.1;
-/// A candidate this many times over the limit is not looked at again in this stage.
-const HOPELESS: f64 = 100.0;
+
+/// How hard to judge.
+#[derive(Debug, Clone, Copy)]
+struct Stage {
+    /// Odds of being false with which a candidate is taken in by itself.
+    odds: f64,
+    /// A candidate this many times over the limit is not looked at again.
+    hopeless: f64,
+}
 
 /// What is known of the candidates.
 #[derive(Debug, Clone)]
@@ -70,7 +77,7 @@ pub(super) fn consensus<const N: usize, G: LieGroup<N>>(
     }
     sub.optimise(run.graph, &solver(run), poses)?;
     let mut consensus = Consensus::new(run.candidates.len());
-    grow(run, sub, poses, &mut consensus, ODDS_GROWING)?;
+    grow(run, sub, poses, &mut consensus, GROWING)?;
     Ok(Some(consensus))
 }
 
@@ -85,17 +92,17 @@ fn grow<const N: usize, G: LieGroup<N>>(
     mut sub: Subproblem<G, N>,
     poses: &mut [G],
     consensus: &mut Consensus,
-    odds: f64,
+    stage: Stage,
 ) -> Result<(), Error> {
     let solver = solver(run);
     let mut space = None;
     for _ in 0..ROUNDS {
         let volume = *space.get_or_insert_with(|| log_volume::<N, G>(poses));
-        let tested = test(run, &mut sub, poses, consensus, volume);
+        let tested = test(run, &mut sub, poses, consensus, (volume, stage.hopeless * run.limit));
         let count = |list: &[bool]| list.iter().filter(|is| **is).count();
         let settled = [count(&consensus.accepted), count(&consensus.hopeless)];
         let together = FALSE_SHARES.iter().map(|share| agreeing(&tested, *share));
-        let alone = std::iter::once_with(|| credible(&tested, settled, odds));
+        let alone = std::iter::once_with(|| credible(&tested, settled, stage.odds));
         let Some(new) = together.chain(alone).find(|new| !new.is_empty()) else { break };
         new.iter().for_each(|candidate| consensus.accepted[*candidate] = true);
         // twice: what turns out not to agree leaves again
@@ -124,7 +131,7 @@ pub(super) fn readmit<const N: usize, G: LieGroup<N>>(
     consensus: &mut Consensus,
 ) -> Result<(), Error> {
     let sub = Subproblem::new(run.graph, run.held, run.candidates, &consensus.weights())?;
-    grow(run, sub, poses, consensus, ODDS_AT_LAST)
+    grow(run, sub, poses, consensus, AT_LAST)
 }
 
 /// The graph of the known inliers, when it has as few connected parts as the whole.
@@ -149,7 +156,7 @@ fn test<const N: usize, G: LieGroup<N>>(
     sub: &mut Subproblem<G, N>,
     poses: &[G],
     consensus: &mut Consensus,
-    space: f64,
+    (space, hopeless): (f64, f64),
 ) -> Vec<Tested> {
     sub.problem.linearise(poses);
     if sub.problem.free() == 0 || sub.cholesky.factor(&sub.problem.hessian, None).is_err() {
@@ -173,7 +180,7 @@ fn test<const N: usize, G: LieGroup<N>>(
         if consensus.accepted[index] || consensus.hopeless[index] {
             continue;
         }
-        let far = |gate: &Gate| gate.turn <= LARGEST_TURN && gate.chi2 > HOPELESS * run.limit;
+        let far = |gate: &Gate| gate.turn <= LARGEST_TURN && gate.chi2 > hopeless;
         if gates.widest(candidate, poses).is_some_and(|gate| far(&gate)) {
             consensus.hopeless[index] = true;
             continue;
@@ -182,7 +189,7 @@ fn test<const N: usize, G: LieGroup<N>>(
         if gate.turn > LARGEST_TURN {
             continue;
         }
-        consensus.hopeless[index] = gate.chi2 > HOPELESS * run.limit;
+        consensus.hopeless[index] = gate.chi2 > hopeless;
         let log_chance = gate.log_det_half + 0.5 * N as f64 * run.limit.ln() + log_unit_ball(N) - space;
         tested.push(Tested {
             candidate: index,

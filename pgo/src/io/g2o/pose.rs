@@ -60,6 +60,9 @@ impl G2oPose<6> for Isometry3<f64> {
         if norm_sq.is_nan() || norm_sq < 1e-12 {
             return Err("the quaternion is zero");
         }
+        if norm_sq.is_infinite() {
+            return Err("the quaternion is too large to normalise");
+        }
         // normalising a unit quaternion again would change its last bits
         let rotation = if (norm_sq - 1.0).abs() <= 4.0 * f64::EPSILON {
             UnitQuaternion::new_unchecked(q)
