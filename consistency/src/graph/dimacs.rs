@@ -70,7 +70,8 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
             Some(other) => return Err(fail(&format!("unknown line type `{other}`"))),
         }
     }
-    let n = vertices.ok_or(Error::Parse { line: text.lines().count(), reason: "no `p` line".into() })?;
+    let n =
+        vertices.ok_or_else(|| Error::Parse { line: text.lines().count(), reason: "no `p` line".into() })?;
     let graph = SparseGraph::from_edges(n, edges)?;
     let mut all = vec![1.0; n];
     weights.into_iter().for_each(|(v, weight)| all[v] = weight);
