@@ -10,6 +10,8 @@ use crate::Object;
 
 /// Objects tried as pivots; each lies in a strong self-match with a probability above its share.
 const PIVOTS: usize = 6;
+/// Nearest objects that vote for a turn: a structure shows in its own neighbourhood.
+const NEIGHBOURS: usize = 40;
 /// Turns and shifts of the map onto itself that are looked at.
 const SELF_MATCHES: usize = 40;
 /// Share of the objects in the common area that must fall together, and of all objects.
@@ -41,10 +43,12 @@ pub(super) fn repeated(
     let problem = Problem::new(map, map, alike, params);
     let centre = middle(&problem.p1);
     let pivots = &central(&problem.p1)[..PIVOTS.min(map.len())];
+    let near: Vec<Vec<Ray>> =
+        rays.iter().map(|rays| rays.iter().take(NEIGHBOURS).copied().collect()).collect();
     let mut repeated = vec![false; map.len()];
     let mut shifts: Vec<(usize, Isometry2<f64>)> = Vec::new();
     let identity = Isometry2::identity();
-    let moving = hypotheses(&problem, rays, rays, |i, a| i != a && pivots.contains(&i)).into_iter();
+    let moving = hypotheses(&problem, &near, &near, |i, a| i != a && pivots.contains(&i)).into_iter();
     for hypothesis in moving.take(SELF_MATCHES) {
         let Some(found) = refine(&problem, &hypothesis.map1_from_map2) else { continue };
         if same_mode(params, &centre, &found.map1_from_map2, &identity) {
