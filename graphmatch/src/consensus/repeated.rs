@@ -26,7 +26,7 @@ const FEWEST_TURNED: usize = 8;
 pub(super) struct Structure {
     /// Objects that the map shows elsewhere again, in the same company.
     pub(super) repeated: Vec<bool>,
-    /// Shifts and turns that lay many objects on others, and their inverses, those of most pairs first.
+    /// Shifts that lay many objects on others, and their inverses, those of most pairs first.
     pub(super) shifts: Vec<Isometry2<f64>>,
 }
 
@@ -67,7 +67,10 @@ pub(super) fn repeated(
                 repeated[a] = true;
             }
             let moves = found.map1_from_map2;
-            if !shifts.iter().any(|(_, known)| same_mode(params, &centre, known, &moves)) {
+            let known = |(_, known): &(usize, Isometry2<f64>)| {
+                [*known, known.inverse()].iter().any(|known| same_mode(params, &centre, known, &moves))
+            };
+            if angle < params.mode_angle && !shifts.iter().any(known) {
                 shifts.push((found.pairs.len(), moves));
             }
         }
