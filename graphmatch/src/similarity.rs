@@ -35,8 +35,8 @@ impl ShapeSimilarity {
     /// ```text
     /// log N(ΔL; σ²) N(ΔB; σ²) − log ḡ,   ḡ = (g₀ + Σ g) / (1 + n)
     /// ```
-    /// where ḡ is the density of shapes at the pair's mean: g the kernels of width √2 σ about the n other objects of both
-    /// maps, and g₀ even over the rectangle of all shapes, one more object's worth, for shapes not seen yet (the prediction
+    /// where ḡ is the density of shapes, the geometric mean of that at both: g the kernels of width √2 σ about the n other objects
+    /// of both maps, and g₀ even over the rectangle of all shapes, one more object's worth, for shapes not seen yet (the prediction
     /// of a Dirichlet process of mass 1). A pair of a shape that every object has gets 0, a rare one much.
     ///
     /// # Errors
@@ -53,14 +53,30 @@ impl ShapeSimilarity {
             map1.iter().chain(map2).map(|o| [o.length / sigma, o.breadth / sigma]).collect();
         let even = even_density(&all);
         let (first, second) = all.split_at(map1.len());
+        let density = |o: &[f64; 2]| even + all.iter().map(|other| kernel(o, other)).sum::<f64>();
+        let densities: Vec<f64> = all.iter().map(density).collect();
+        let (density1, density2) = densities.split_at(map1.len());
+        let others = (all.len().max(2) - 1) as f64;
         let mut log_ratio = Vec::with_capacity(first.len() * second.len());
-        for a in first {
-            for b in second {
-                log_ratio.push(log_ratio_of(a, b, &all, even));
+        for (a, of_a) in first.iter().zip(density1) {
+            for (b, of_b) in second.iter().zip(density2) {
+                let (dl, db) = (a[0] - b[0], a[1] - b[1]);
+                let admissible = dl.abs() <= GATE && db.abs() <= GATE;
+                log_ratio.push(admissible.then(|| {
+                    // The two themselves tell nothing of what others look like.
+                    let own = kernel(a, a) + kernel(a, b);
+                    let product = (of_a - own).max(even) * (of_b - own).max(even);
+                    -0.5 * (dl * dl + db * db) - 0.5 * product.ln() + others.ln()
+                }));
             }
         }
         Ok(Self { columns: second.len(), log_ratio })
     }
+}
+
+/// A normal density of width √2 about `a`, in units of the likelihood's peak.
+fn kernel(a: &[f64; 2], b: &[f64; 2]) -> f64 {
+    0.5 * (-0.25 * ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2))).exp()
 }
 
 /// Density of shapes spread evenly over the rectangle of `all`, two standard deviations more on each side, in units of the
@@ -72,26 +88,6 @@ fn even_density(all: &[[f64; 2]]) -> f64 {
         (high - low).max(0.0) + 4.0
     });
     std::f64::consts::TAU / (sides[0] * sides[1])
-}
-
-fn distance_sq(a: &[f64; 2], b: &[f64; 2]) -> f64 {
-    (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
-}
-
-fn log_ratio_of(a: &[f64; 2], b: &[f64; 2], all: &[[f64; 2]], even: f64) -> Option<f64> {
-    let (dl, db) = (a[0] - b[0], a[1] - b[1]);
-    if dl.abs() > GATE || db.abs() > GATE {
-        return None;
-    }
-    let mean = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
-    let kernel = |far: f64| 0.5 * (-0.25 * far).exp();
-    // What lies farther adds less than a millionth of a kernel.
-    let near = all.iter().map(|o| distance_sq(o, &mean)).filter(|far| *far < 60.0);
-    // The two themselves are among them and tell nothing of what others look like.
-    let own = 2.0 * kernel(0.25 * (dl * dl + db * db));
-    let others = (near.map(kernel).sum::<f64>() - own).max(0.0);
-    let density = (even + others) / (all.len() - 1) as f64;
-    Some(-0.5 * (dl * dl + db * db) - density.ln())
 }
 
 impl Similarity for ShapeSimilarity {

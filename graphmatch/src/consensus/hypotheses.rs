@@ -13,6 +13,7 @@ pub(super) struct Hypothesis {
 }
 
 /// One other object of a map as seen from an object.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Ray {
     distance: f64,
     angle: f64,

@@ -41,7 +41,7 @@ const HOPELESS: f64 = 20.0;
 
 /// Pairs of repeated objects that are tried as pivots. Each turns the map by whole shifts of its structure, as its
 /// neighbours do; which shift it is, only pairs of other objects tell, and those are all tried.
-const REPEATED_PIVOTS: usize = 1500;
+const REPEATED_PIVOTS: usize = 600;
 
 /// Objects of map 1 that are pivots even with a repeated object of map 2: all where they are few.
 fn pivots(problem: &Problem) -> Vec<bool> {

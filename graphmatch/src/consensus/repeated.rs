@@ -10,6 +10,8 @@ use crate::Object;
 
 /// Objects tried as pivots; each lies in a strong self-match with a probability above its share.
 const PIVOTS: usize = 6;
+/// Nearest objects that vote for a turn: a structure shows in its own neighbourhood.
+const NEIGHBOURS: usize = 40;
 /// Turns and shifts of the map onto itself that are looked at.
 const SELF_MATCHES: usize = 40;
 /// Share of the objects in the common area that must fall together, and of all objects.
@@ -24,7 +26,7 @@ const FEWEST_TURNED: usize = 8;
 pub(super) struct Structure {
     /// Objects that the map shows elsewhere again, in the same company.
     pub(super) repeated: Vec<bool>,
-    /// Shifts and turns that lay many objects on others, and their inverses, those of most pairs first.
+    /// Shifts that lay many objects on others, and their inverses, those of most pairs first.
     pub(super) shifts: Vec<Isometry2<f64>>,
 }
 
@@ -41,10 +43,12 @@ pub(super) fn repeated(
     let problem = Problem::new(map, map, alike, params);
     let centre = middle(&problem.p1);
     let pivots = &central(&problem.p1)[..PIVOTS.min(map.len())];
+    let near: Vec<Vec<Ray>> =
+        rays.iter().map(|rays| rays.iter().take(NEIGHBOURS).copied().collect()).collect();
     let mut repeated = vec![false; map.len()];
     let mut shifts: Vec<(usize, Isometry2<f64>)> = Vec::new();
     let identity = Isometry2::identity();
-    let moving = hypotheses(&problem, rays, rays, |i, a| i != a && pivots.contains(&i)).into_iter();
+    let moving = hypotheses(&problem, &near, &near, |i, a| i != a && pivots.contains(&i)).into_iter();
     for hypothesis in moving.take(SELF_MATCHES) {
         let Some(found) = refine(&problem, &hypothesis.map1_from_map2) else { continue };
         if same_mode(params, &centre, &found.map1_from_map2, &identity) {
@@ -63,7 +67,10 @@ pub(super) fn repeated(
                 repeated[a] = true;
             }
             let moves = found.map1_from_map2;
-            if !shifts.iter().any(|(_, known)| same_mode(params, &centre, known, &moves)) {
+            let known = |(_, known): &(usize, Isometry2<f64>)| {
+                [*known, known.inverse()].iter().any(|known| same_mode(params, &centre, known, &moves))
+            };
+            if angle < params.mode_angle && !shifts.iter().any(known) {
                 shifts.push((found.pairs.len(), moves));
             }
         }

@@ -27,6 +27,17 @@ pub(super) fn largest(x: &[f64]) -> f64 {
     most.into_iter().fold(tail, f64::max)
 }
 
+/// 1/n! for n from 0 to 13; what follows is below rounding for |r| ≤ ln 2 / 2.
+const SERIES: [f64; 14] = {
+    let mut series = [1.0; 14];
+    let mut n = 1;
+    while n < 14 {
+        series[n] = series[n - 1] / n as f64;
+        n += 1;
+    }
+    series
+};
+
 /// `eˣ` of a number from −700 to 0, to a few units in the last place, without branches.
 ///
 /// `x = k ln 2 + r` with a whole `k`; `eʳ` by its series, `2ᵏ` by its bits.
@@ -39,10 +50,7 @@ pub(super) fn exp(x: f64) -> f64 {
     let shifted = x * std::f64::consts::LOG2_E + ROUND;
     let k = shifted - ROUND;
     let r = x - k * LN_2[0] - k * LN_2[1];
-    let mut series = 1.0;
-    for n in (1..=13).rev() {
-        series = 1.0 + series * r * (1.0 / f64::from(n));
-    }
+    let series = SERIES.iter().rev().fold(0.0, |sum, c| sum * r + c);
     series * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
 }
 
