@@ -53,6 +53,14 @@ fn correlated_groups_are_rejected_where_pcm_accepts_them() {
 }
 
 #[test]
+fn groups_seen_in_two_parts_cast_no_two_votes() {
+    let whole = shares(&Harbor::default(), 60, |t| solve(t, &GcmParams::default()).selection);
+    let params = Harbor { pause: 4, ..Harbor::default() };
+    let parted = shares(&params, 60, |t| solve(t, &GcmParams::default()).selection);
+    assert!((whole.0 - parted.0).abs() < 0.02, "biased {} whole, {} in two parts", whole.0, parted.0);
+}
+
+#[test]
 fn unbiased_closures_are_kept() {
     let params = Harbor { biased_share: 0.0, ..Harbor::default() };
     let (_, good) = shares(&params, 20, |t| solve(t, &GcmParams::default()).selection);
@@ -133,7 +141,7 @@ fn order_of_arrival_changes_no_verdict() {
 #[test]
 fn online_without_hysteresis_equals_batch_at_every_prefix() {
     let team = team(&Harbor::default(), 2);
-    let params = GcmParams { withdraw: 0.85, ..GcmParams::default() };
+    let params = GcmParams { withdraw: GcmParams::default().accept, ..GcmParams::default() };
     let mut online = GcmOnline::new(team.trajectories.clone(), team.priors.clone(), params.clone()).unwrap();
     let mut accepted = std::collections::BTreeSet::new();
     let mut known = 0;
@@ -194,55 +202,6 @@ fn bad_input_is_a_typed_error() {
     assert!(nothing.clusters.is_empty());
 }
 
-/// Groups of six closures between two robots that stand still, their common error in metres; 1 mm of noise.
-fn still(shifts: &[f64]) -> (Trajectories2, Vec<Closure2>) {
-    const APART: usize = 30;
-    let mut trajectories = Trajectories2::new();
-    for robot in 0..2 {
-        let poses = vec![Isometry2::identity(); APART * shifts.len()];
-        let steps = vec![isotropic_covariance::<3, Isometry2<f64>>(1e-6, 1e-6); poses.len() - 1];
-        trajectories.insert(robot, Trajectory::from_steps(poses, &steps).unwrap());
-    }
-    let closure = |group: usize, k: usize, shift: f64| Closure2 {
-        source: PoseKey::new(0, APART * group + k),
-        target: PoseKey::new(1, APART * group + k),
-        target_from_source: Isometry2::translation(shift, 0.0),
-        covariance: isotropic_covariance::<3, Isometry2<f64>>(1e-3, 1e-3),
-    };
-    let closures =
-        shifts.iter().enumerate().flat_map(|(g, &s)| (0..6).map(move |k| closure(g, k, s))).collect();
-    (trajectories, closures)
-}
-
-#[test]
-fn precise_closures_two_to_one_have_the_odds_of_their_votes() {
-    let (trajectories, closures) = still(&[0.0, 0.0, 2.0]);
-    let params = GcmParams::default();
-    let found = gcm(&trajectories, &closures, &[], &params).unwrap();
-    let local = (1.0 - params.sound) * (1.0 - params.gross_share) * params.slip_share;
-    let odds = params.sound / (local * params.alpha);
-    let expected = odds / (1.0 + odds);
-    for (cluster, expected) in found.clusters.iter().zip([expected, expected, 1.0 - expected]) {
-        let p = cluster.probability;
-        assert!((p - expected).abs() < 0.03, "{p} for {expected}");
-    }
-    // two equal slips look the same, so the strict preset leaves them open
-    let strict = gcm(&trajectories, &closures, &[], &GcmParams::strict()).unwrap();
-    assert!(strict.selection.accepted.is_empty());
-    assert_eq!(strict.selection.undecided.len(), 12);
-}
-
-#[test]
-fn drift_that_is_no_covariance_is_an_error_and_no_rejection() {
-    let (mut trajectories, closures) = still(&[0.0]);
-    let indices: Vec<usize> = (0..6).collect();
-    let negative = nalgebra::DMatrix::from_diagonal_element(18, 18, -1e6);
-    let poses = vec![Isometry2::identity(); 6];
-    trajectories.insert(1, Trajectory::with_joint_covariance(poses, &indices, &negative).unwrap());
-    let error = gcm(&trajectories, &closures, &[], &GcmParams::default()).unwrap_err();
-    assert!(matches!(error, Error::VoteCovariance { source_robot: 0, target_robot: 1, .. }), "{error}");
-}
-
 #[test]
 fn telling_slipped_groups_twice_accepts_none_of_them() {
     let mut told_twice = 0;
@@ -282,81 +241,6 @@ fn a_closure_told_twice_is_no_second_vote() {
     }
     moves.sort_by(f64::total_cmp);
     assert!(moves[18] < 0.05 && moves[19] < 0.10, "{moves:?}");
-}
-
-/// Robots that stand still, closures `(first, second, error in metres)` in groups of six.
-fn still_team(robots: u32, groups: &[(u32, u32, f64)]) -> (Trajectories2, Vec<Closure2>) {
-    const APART: usize = 30;
-    let mut trajectories = Trajectories2::new();
-    for robot in 0..robots {
-        let poses = vec![Isometry2::identity(); APART * groups.len()];
-        let steps = vec![isotropic_covariance::<3, Isometry2<f64>>(1e-6, 1e-6); poses.len() - 1];
-        trajectories.insert(robot, Trajectory::from_steps(poses, &steps).unwrap());
-    }
-    let closure = |(at, k): (usize, usize)| {
-        let (first, second, shift) = groups[at];
-        Closure2 {
-            source: PoseKey::new(first, APART * at + k),
-            target: PoseKey::new(second, APART * at + k),
-            target_from_source: Isometry2::translation(shift, 0.0),
-            covariance: isotropic_covariance::<3, Isometry2<f64>>(1e-3, 1e-3),
-        }
-    };
-    let closures = (0..groups.len()).flat_map(|at| (0..6).map(move |k| (at, k))).map(closure).collect();
-    (trajectories, closures)
-}
-
-/// The map of `source` in that of robot 0, 0.1 m and 5 mrad sure.
-fn tight_prior(source: u32, x: f64, y: f64) -> MapTransform2 {
-    MapTransform2 {
-        source,
-        target: 0,
-        target_from_source: Isometry2::translation(x, y),
-        covariance: isotropic_covariance::<3, Isometry2<f64>>(0.1, 0.005),
-    }
-}
-
-#[test]
-fn one_vote_against_one_without_prior_is_undecided_and_even() {
-    let (trajectories, closures) = still_team(2, &[(0, 1, 0.0), (0, 1, 2.0)]);
-    let found = gcm(&trajectories, &closures, &[], &GcmParams::default()).unwrap();
-    let [a, b] = &found.clusters[..] else { panic!("two votes") };
-    assert!((a.probability - b.probability).abs() < 0.02, "{} {}", a.probability, b.probability);
-    assert_eq!(found.selection.undecided.len(), 12);
-}
-
-#[test]
-fn a_cycle_rejects_a_slip_against_a_tight_wrong_prior() {
-    let groups = [(0, 1, 2.0), (0, 2, 0.0), (0, 2, 0.0), (1, 2, 0.0), (1, 2, 0.0)];
-    let (trajectories, closures) = still_team(3, &groups);
-    let priors = [tight_prior(1, 0.0, 1.2), tight_prior(2, 0.0, 0.0)];
-    let found = gcm(&trajectories, &closures, &priors, &GcmParams::default()).unwrap();
-    assert!((0..6).all(|m| found.selection.rejected.iter().any(|r| r.closure == m)));
-    assert!((6..18).all(|m| found.selection.accepts(m)), "{:?}", found.clusters);
-    assert!(found.selection.rejected.iter().all(|r| r.closure < 6), "{:?}", found.clusters);
-}
-
-#[test]
-fn two_equal_slips_without_prior_are_no_proof_under_strict() {
-    let (trajectories, closures) = still_team(2, &[(0, 1, 0.0), (0, 1, 2.0), (0, 1, 2.0)]);
-    let found = gcm(&trajectories, &closures, &[], &GcmParams::strict()).unwrap();
-    assert!(found.selection.accepted.is_empty());
-}
-
-#[test]
-fn what_later_groups_contradict_is_retracted() {
-    let groups = [2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0].map(|shift| (0, 1, shift));
-    let (trajectories, closures) = still_team(2, &groups);
-    let mut online = GcmOnline::new(trajectories, Vec::new(), GcmParams::default()).unwrap();
-    let mut events = Vec::new();
-    for group in closures.chunks(6) {
-        events.extend(online.insert(group).unwrap().1);
-    }
-    for m in 0..12 {
-        assert!(events.contains(&Event::Accepted(m)) && events.contains(&Event::Retracted(m)), "{m}");
-    }
-    let last = online.update().unwrap().0.selection;
-    assert_eq!(last.accepted, (12..42).collect::<Vec<_>>());
 }
 
 /// The same team with every robot's own map moved and turned.

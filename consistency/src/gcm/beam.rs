@@ -206,8 +206,7 @@ impl<const N: usize> Forward<N> {
             let (covariance, residual) = (*votes.block(t, t), votes.list[t].rho);
             self.after.push(Given { covariance, residual, with_slips: Vec::new() });
         }
-        for s in self.w.len()..t {
-            let row = &rows[s];
+        for (s, row) in rows.iter().enumerate().skip(self.w.len()) {
             let mut w = votes.block(t, s).transpose();
             for (left, above) in row.w.iter().zip(&self.w) {
                 subtract_product(&mut w, left, above);

@@ -50,8 +50,9 @@
 //! ```
 //!
 //! A beam over the states keeps the Cholesky factor of `K_H` with each hypothesis; with an unlimited beam it is exact.
-//! Accept from `P ≥ 0.85`, reject up to `0.25`, otherwise **undecided**. An accepted closure goes to the pose graph with
-//! `c S + n_g S_b`, so a group weighs like one vote.
+//! Accept from `P ≥ 0.80`, reject up to `0.25`, otherwise **undecided**. An accepted closure goes to the pose graph with
+//! `c S + n S_b`, `n` being the number of closures that share its place (each counts `exp(-(gap/ℓ)²)`), so that those
+//! of one place weigh like one vote, `c S / n + S_b`.
 //!
 //! # Limits
 //!
@@ -77,6 +78,8 @@ mod params;
 mod pooled;
 mod posterior;
 mod problem;
+#[cfg(test)]
+mod residual_tests;
 mod slips;
 mod verdict;
 mod votes;

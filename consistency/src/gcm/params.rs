@@ -33,7 +33,7 @@ pub enum GapUnit {
 pub struct GcmParams {
     /// The robot in whose map all are compared; default the smallest id of each connected team.
     pub reference: Option<u32>,
-    /// Least posterior probability of an accepted group; default 0.85.
+    /// Least posterior probability of an accepted group; default 0.80: four times as likely sound as not.
     pub accept: f64,
     /// Largest posterior probability of a rejected group; default 0.25. Between the two a group is undecided.
     pub reject: f64,
@@ -90,7 +90,8 @@ pub struct GcmParams {
     pub gap: f64,
     /// A group stays shorter than this on each robot; default 18.
     pub extent: f64,
-    /// ℓ, length over which neighbouring groups share their fate; default 7.
+    /// ℓ, length over which neighbouring groups share their fate, and closures of a group their bias; default 4: pieces of
+    /// one run that the extent cut apart share it (κ = 0.94 at a gap of 1), groups that the gap parted hardly do (0.1).
     pub correlation: f64,
     /// Share of true pairs that pass the pair test inside a group; default 0.99.
     pub probability: f64,
@@ -106,7 +107,7 @@ impl Default for GcmParams {
     fn default() -> Self {
         Self {
             reference: None,
-            accept: 0.85,
+            accept: 0.80,
             reject: 0.25,
             withdraw: 0.60,
             sound: 0.70,
@@ -131,7 +132,7 @@ impl Default for GcmParams {
             unit: GapUnit::Poses,
             gap: 6.0,
             extent: 18.0,
-            correlation: 7.0,
+            correlation: 4.0,
             probability: 0.99,
             beam: 64,
             depth: 14.0,
@@ -141,9 +142,10 @@ impl Default for GcmParams {
 }
 
 impl GcmParams {
-    /// Accepts from 0.95 on: for systems where one wrong merge is worse than many late ones.
+    /// Accepts from 0.95 on and thinks repeated slips likelier (`alpha` 0.6): for systems where one wrong merge is worse
+    /// than many late ones.
     pub fn strict() -> Self {
-        Self { accept: 0.95, ..Self::default() }
+        Self { accept: 0.95, alpha: 0.6, ..Self::default() }
     }
 
     /// Accepts the more probable side and leaves nothing undecided: for systems that must merge. Its error is the

@@ -5,6 +5,7 @@ use nalgebra::SMatrix;
 use super::block::Blocks;
 use super::clusters::Cluster;
 use super::findings::Findings;
+use super::grouping::gap;
 use super::params::GcmParams;
 use super::problem::{Problem, components};
 use super::verdict::{Verdict, judge};
@@ -21,7 +22,8 @@ pub struct Gcm<const N: usize> {
     /// The cluster of each closure.
     pub cluster_of: Vec<usize>,
     /// Covariance to give each closure in the pose graph, in its own direction and order: its noise as scaled by
-    /// `noise_scale` plus its share of the group's common bias, so that a whole group weighs like one vote.
+    /// `noise_scale` plus the common bias times the number of closures that share it, so that those of one place weigh
+    /// like one vote.
     pub covariances: Vec<SMatrix<f64, N, N>>,
     /// Factor by which the noise inside groups exceeds its covariances, from 1 to 9; already applied.
     pub noise_scale: f64,
@@ -94,7 +96,7 @@ pub(crate) fn gcm_with_history<const N: usize, G: Pose<N>>(
         cluster.members.iter().for_each(|&m| cluster_of[m] = index);
     }
     let (selection, verdicts) = judge(clusters, &findings, params, held, !priors.is_empty());
-    let covariances = hand_over::<N, G>(closures, clusters, &cluster_of, noise_scale, params);
+    let covariances = hand_over(closures, &problem, &cluster_of, params);
     let posteriors = clusters.iter().zip(&findings.sound).zip(verdicts);
     Ok(Gcm {
         selection,
@@ -149,21 +151,22 @@ fn solve_team<const N: usize, G: Pose<N>>(
     blocks.solve(evidence, reference, &BTreeSet::from([reference]), &within, findings)
 }
 
-/// `c S_m + n_g S_b`: n of them together weigh like `c S / n + S_b`.
+/// `c S_m + n_m S_b` with `n_m = Σ exp(-(gap/ℓ)²)` over the closures of its cluster: so many share its bias, and together
+/// they weigh like one vote. The ends of a long group are of different places.
 fn hand_over<const N: usize, G: Pose<N>>(
     closures: &[Closure<G, N>],
-    clusters: &[Cluster],
+    problem: &Problem<G, N>,
     cluster_of: &[usize],
-    noise_scale: f64,
     params: &GcmParams,
 ) -> Vec<SMatrix<f64, N, N>> {
     let spike = isotropic_covariance::<N, G>(params.spike.translation, params.spike.rotation);
-    closures
-        .iter()
-        .zip(cluster_of)
-        .map(|(closure, &c)| {
-            // the spike acts about the scene, where both bodies are, so the frame of either serves
-            closure.covariance * noise_scale + spike * clusters[c].members.len() as f64
-        })
-        .collect()
+    let shared = |m: usize, n: usize| {
+        (-(gap(&problem.stations[m], &problem.stations[n]) / params.correlation).powi(2)).exp()
+    };
+    let sharers =
+        |m: usize| -> f64 { problem.clusters[cluster_of[m]].members.iter().map(|&n| shared(m, n)).sum() };
+    // the spike acts about the scene, where both bodies are, so the frame of either serves
+    let of =
+        |(m, closure): (usize, &Closure<G, N>)| closure.covariance * problem.noise_scale + spike * sharers(m);
+    closures.iter().enumerate().map(of).collect()
 }

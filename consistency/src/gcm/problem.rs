@@ -15,7 +15,7 @@ pub(crate) struct Problem<G, const N: usize> {
     closures: Vec<Closure<G, N>>,
     priors: Vec<MapTransform<G, N>>,
     transforms: Vec<G>,
-    stations: Vec<Station>,
+    pub(crate) stations: Vec<Station>,
     pub(crate) clusters: Vec<Cluster>,
     pub(crate) noise_scale: f64,
 }

@@ -90,6 +90,8 @@ pub struct Harbor {
     pub gross_share: f64,
     /// Fewest and most closures of a drawn group.
     pub group_size: (usize, usize),
+    /// Keyframes left out in the middle of each group's window, of both robots: a place that is seen in two parts.
+    pub pause: usize,
     /// Registration noise σ, metres and radians.
     pub noise: (f64, f64),
     /// True noise of registration and odometry over what the covariances tell; 1 is honest.
@@ -115,6 +117,7 @@ impl Default for Harbor {
             bias: Bias::Mixed,
             gross_share: 0.05,
             group_size: (3, 12),
+            pause: 0,
             noise: (0.15, 0.01),
             understated: 1.0,
         }
@@ -128,6 +131,40 @@ impl Harbor {
         let meetings =
             (1..=neighbors).map(|second| Meetings { first: 0, second, groups: vec![None; groups] }).collect();
         Self { robots: neighbors + 1, meetings, ..Self::default() }
+    }
+
+    /// Where closures outvote groups: to robot 1 three good closures in one group and six of a group 2 m off, eight good
+    /// ones to robot 2, drift a tenth of the nominal, priors of `prior_sigma`. One vote stands against one, the prior is the
+    /// only judge.
+    pub fn fixed_regression(prior_sigma: f64) -> Self {
+        let group = |n, biased| Some((n, biased));
+        Self {
+            meetings: vec![
+                Meetings { first: 0, second: 1, groups: vec![group(3, false), group(6, true)] },
+                Meetings { first: 0, second: 2, groups: vec![group(8, false)] },
+            ],
+            odometry: 0.1,
+            prior_sigma,
+            bias: Bias::Translation(2.0),
+            gross_share: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// A majority of votes that is wrong: to robot 1 one good group and two biased ones, two good ones to robot 2, six
+    /// closures each.
+    pub fn majority(bias: Bias, prior_sigma: f64) -> Self {
+        let group = |biased| Some((6, biased));
+        Self {
+            meetings: vec![
+                Meetings { first: 0, second: 1, groups: vec![group(false), group(true), group(true)] },
+                Meetings { first: 0, second: 2, groups: vec![group(false); 2] },
+            ],
+            prior_sigma,
+            bias,
+            gross_share: 0.0,
+            ..Self::default()
+        }
     }
 
     /// Adds `groups` groups between every two neighbours of robot 0, closing three-robot cycles.
@@ -167,6 +204,9 @@ pub fn harbor<const N: usize, G: Pose<N>>(
         }
         if meetings.groups.len() > KEYFRAMES / WINDOW {
             return Err(Error::Generator { reason: "a robot pair meets in at most ten groups" });
+        }
+        if params.pause > KEYFRAMES / 2 {
+            return Err(Error::Generator { reason: "a pause is at most half of the keyframes" });
         }
         let windows = distinct(KEYFRAMES / WINDOW, meetings.groups.len(), rng);
         for (fixed, window) in meetings.groups.iter().zip(windows) {
@@ -320,8 +360,10 @@ impl Group {
     ) {
         let (a, b) = (&paths[self.first as usize], &paths[self.second as usize]);
         let id = team.biases.len();
-        let other = nearest_window(&a.world, self.window, &b.world);
-        let scene = a.world[self.window + WINDOW / 2].position();
+        let latest = KEYFRAMES - WINDOW - params.pause;
+        let window = self.window.min(latest);
+        let other = nearest_window(&a.world, window, &b.world).min(latest);
+        let scene = a.world[window + WINDOW / 2].position();
         let (size, biased) = self.fixed.unwrap_or_else(|| {
             let size = rng.random_range(params.group_size.0..=params.group_size.1);
             (size, rng.random_bool(params.biased_share))
@@ -338,8 +380,9 @@ impl Group {
         };
         team.biases.push(motion);
         let told = isotropic_covariance::<N, G>(params.noise.0, params.noise.1);
+        let placed = |at: usize| at + if at < WINDOW / 2 { 0 } else { params.pause };
         for pair in distinct(WINDOW * WINDOW, size, rng) {
-            let (k, i) = (self.window + pair / WINDOW, other + pair % WINDOW);
+            let (k, i) = (window + placed(pair / WINDOW), other + placed(pair % WINDOW));
             let gross = rng.random_bool(params.gross_share);
             let own = (params.noise.0 * params.understated, params.noise.1 * params.understated);
             // C · T_ab · X_bi is where the registration puts b's keyframe, seen from a's
