@@ -14,6 +14,7 @@ mod pairs;
 mod real;
 mod registration_time;
 mod scale;
+mod sensitivity;
 mod table;
 mod traffic;
 
@@ -122,6 +123,11 @@ impl Experiment {
             run: registration_time::run,
         },
         Experiment { name: "dynamic", question: "missions among moving objects", run: dynamic::run },
+        Experiment {
+            name: "sensitivity",
+            question: "a recorded mission with every default halved and doubled, and with yaw drift; needs --data",
+            run: sensitivity::run,
+        },
         Experiment { name: "real", question: "recorded missions; needs --data", run: real::run },
     ];
 
