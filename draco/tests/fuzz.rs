@@ -134,7 +134,7 @@ fn insiders(frames: u64, seed: u64) {
             assert!(is_finite(&robot) && robot.local_poses() == local, "frame {frame}");
             let grown = robot.save().expect("saved").len().saturating_sub(size);
             worst = worst.max(grown as f64 / heard as f64);
-            assert!(grown < 6 * heard + (1 << 16), "{grown} bytes of state for {heard} heard");
+            assert!(grown < 16 * heard + (1 << 16), "{grown} bytes of state for {heard} heard");
             (robot, heard, numbers) = (robots[0].clone(), 0, [0; 3]);
         }
     }

@@ -13,10 +13,9 @@ use draco::mission::{MissionParams, run};
 use draco::robot::{Robot, RobotParams};
 use draco::simulate::{Scenario, SimulationParams, simulate};
 
-/// A short mission over the wreck in which robots meet, as a folder.
+/// A mission over the wreck in which all three robots meet, as a folder.
 fn mission(folder: &Path) -> (PathBuf, MissionData) {
-    let params =
-        SimulationParams { scenario: Scenario::Wreck, keyframes: Some(26), ..SimulationParams::default() };
+    let params = SimulationParams { scenario: Scenario::Wreck, ..SimulationParams::default() };
     let data = folder.join("wreck");
     write_keyframe_folder(&simulate(&params).expect("defaults are valid"), &data).expect("written");
     let read = read_keyframe_folder(&data).expect("what was written is read");
@@ -154,6 +153,23 @@ fn processes_agree(carrier: &'static str) {
     victim.wait().expect("dead");
     children.insert(robots[1], team.start(robots[1]));
     assert_eq!(team.finish(children), expected, "with one robot killed and started again");
+}
+
+#[test]
+fn a_robot_with_a_torn_state_file_begins_anew_and_flies_to_the_end() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let (path, data) = mission(folder.path());
+    let robots: Vec<RobotId> = data.recordings.iter().map(|r| r.robot).collect();
+    let team = Team::new("udp", &path, folder.path(), &robots);
+    let mut children: BTreeMap<_, _> = robots.iter().map(|&id| (id, team.start(id))).collect();
+    let victim = children.get_mut(&robots[2]).expect("three robots");
+    team.await_steps(robots[2], victim);
+    victim.kill().expect("killed");
+    victim.wait().expect("dead");
+    let state = std::fs::read(team.state(robots[2])).expect("a state file");
+    std::fs::write(team.state(robots[2]), &state[..state.len() / 2]).expect("torn");
+    children.insert(robots[2], team.start(robots[2]));
+    assert_eq!(team.finish(children).len(), 3);
 }
 
 #[test]

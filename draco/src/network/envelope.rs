@@ -25,6 +25,10 @@ pub enum Envelope {
     Hello {
         /// Who says it.
         robot: RobotId,
+        /// Grows whenever its process is started again.
+        session: u64,
+        /// Steps it has done.
+        steps: u64,
         /// Robots heard, each with the number of its steps that are complete.
         heard: Vec<(RobotId, u64)>,
     },
@@ -54,7 +58,7 @@ pub enum Envelope {
 
 #[derive(Serialize, Deserialize)]
 enum Wire {
-    Hello { robot: u8, heard: Vec<(u8, u64)> },
+    Hello { robot: u8, session: u64, steps: u64, heard: Vec<(u8, u64)> },
     Frame { robot: u8, step: u64, number: u32, bytes: Vec<u8> },
     End { robot: u8, step: u64, frames: u32, stage: Stage },
 }
@@ -66,9 +70,10 @@ impl Envelope {
     /// [`WireError::Value`] for a robot number above 254.
     pub fn encode(&self, key: &TeamKey) -> Result<Vec<u8>, WireError> {
         let wire = match self {
-            Envelope::Hello { robot, heard } => {
+            Envelope::Hello { robot, session, steps, heard } => {
                 let heard = heard.iter().map(|&(of, steps)| Ok((short(of)?, steps)));
-                Wire::Hello { robot: short(*robot)?, heard: heard.collect::<Result<_, WireError>>()? }
+                let heard = heard.collect::<Result<_, WireError>>()?;
+                Wire::Hello { robot: short(*robot)?, session: *session, steps: *steps, heard }
             }
             Envelope::Frame { robot, step, number, bytes } => {
                 Wire::Frame { robot: short(*robot)?, step: *step, number: *number, bytes: bytes.clone() }
@@ -97,8 +102,10 @@ impl Envelope {
             return Err(Refusal::Malformed);
         }
         let envelope = match wire {
-            Wire::Hello { robot, heard } => Envelope::Hello {
+            Wire::Hello { robot, session, steps, heard } => Envelope::Hello {
                 robot: robot.into(),
+                session,
+                steps,
                 heard: heard.into_iter().map(|(of, steps)| (of.into(), steps)).collect(),
             },
             Wire::Frame { robot, step, number, bytes } => {
@@ -132,7 +139,7 @@ mod tests {
 
     fn envelopes() -> [Envelope; 3] {
         [
-            Envelope::Hello { robot: 3, heard: vec![(1, 0), (2, 700)] },
+            Envelope::Hello { robot: 3, session: 5, steps: 9, heard: vec![(1, 0), (2, 700)] },
             Envelope::Frame { robot: 3, step: 300, number: 2, bytes: vec![7, 8] },
             Envelope::End { robot: 3, step: 300, frames: 3, stage: Stage::Closing },
         ]
@@ -141,7 +148,7 @@ mod tests {
     #[test]
     fn the_wire_format_has_not_changed() {
         let golden: [&[u8]; 3] = [
-            &[0xD1, 0, 3, 2, 1, 0, 2, 188, 5],
+            &[0xD1, 0, 3, 5, 9, 2, 1, 0, 2, 188, 5],
             &[0xD1, 1, 3, 172, 2, 2, 2, 7, 8],
             &[0xD1, 2, 3, 172, 2, 3, 1],
         ];

@@ -1,5 +1,5 @@
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, UNIX_EPOCH};
 
 use super::{Envelope, Network, Stage};
 use crate::error::Error;
@@ -50,6 +50,8 @@ pub(super) type Recent = Vec<(u64, Vec<Vec<u8>>)>;
 struct Peer {
     heard: bool,
     hears_us: bool,
+    /// The newest session it has told.
+    session: u64,
     /// It did not end a step in time and is not waited for.
     absent: bool,
     /// Its steps that are over, with their packets and how far it was.
@@ -61,6 +63,17 @@ struct Peer {
 }
 
 impl Peer {
+    /// It has been started again and has done `steps` steps; what it did after them is void.
+    fn begin_again(&mut self, session: u64, steps: u64) {
+        self.session = session;
+        if steps < self.complete {
+            self.complete = steps;
+            self.frames.clear();
+            self.delivered.clear();
+            self.ends.retain(|step, _| *step < steps);
+        }
+    }
+
     fn take_frame(&mut self, at: (u64, u32), bytes: Vec<u8>) {
         // of a complete step there can only be repetitions
         let is_new = at.0 >= self.complete && !self.delivered.contains(&at);
@@ -120,6 +133,10 @@ pub struct LockStep<N> {
     key: TeamKey,
     patience: Patience,
     peers: BTreeMap<RobotId, Peer>,
+    /// Tells this process from those of the same robot before it.
+    session: u64,
+    /// Steps done.
+    steps: u64,
     recent: Recent,
     repeated_at: Option<Instant>,
     refusals: RefusalCounts,
@@ -143,6 +160,8 @@ impl<N: Network> LockStep<N> {
             key,
             patience,
             peers: peers.collect(),
+            session: UNIX_EPOCH.elapsed().map_or(0, |since| since.as_nanos() as u64),
+            steps: 0,
             recent: Recent::new(),
             repeated_at: None,
             refusals: RefusalCounts::default(),
@@ -156,7 +175,7 @@ impl<N: Network> LockStep<N> {
     /// # Errors
     /// Those of the network.
     pub(super) fn start(&mut self, steps: u64, recent: Recent) -> Result<(), Error> {
-        self.recent = recent;
+        (self.steps, self.recent) = (steps, recent);
         for peer in self.peers.values_mut() {
             // what was heard before the state was saved is in the robot
             peer.complete = steps.saturating_sub(1);
@@ -205,6 +224,7 @@ impl<N: Network> LockStep<N> {
             self.network.send(envelope)?;
         }
         self.recent = with_step(&self.recent, step, envelopes);
+        self.steps = step + 1;
         Ok(())
     }
 
@@ -287,7 +307,10 @@ impl<N: Network> LockStep<N> {
                 peer.hears_us = true;
                 peer.take_end(step, frames, stage);
             }
-            Envelope::Hello { robot, heard } => {
+            Envelope::Hello { robot, session, steps, heard } => {
+                if session > peer.session {
+                    peer.begin_again(session, steps);
+                }
                 let has = heard.iter().find(|(of, _)| *of == self.id).map(|(_, steps)| *steps);
                 peer.hears_us |= has.is_some();
                 tracing::debug!(robot, ?has, "hello");
@@ -304,8 +327,8 @@ impl<N: Network> LockStep<N> {
     fn say_hello(&mut self) -> Result<(), Error> {
         let heard = self.peers.iter().filter(|(_, peer)| peer.heard);
         let heard = heard.map(|(&robot, peer)| (robot, peer.complete)).collect();
-        let hello = Envelope::Hello { robot: self.id, heard }.encode(&self.key)?;
-        self.network.send(&hello)
+        let hello = Envelope::Hello { robot: self.id, session: self.session, steps: self.steps, heard };
+        self.network.send(&hello.encode(&self.key)?)
     }
 
     /// Says the last steps again that `wanted` chooses; not more often than somebody would ask.
