@@ -12,8 +12,6 @@ use crate::normals;
 pub struct Cloud<const D: usize> {
     points: Vec<SVector<f64, D>>,
     normals: Option<Vec<SVector<f64, D>>>,
-    /// Variance of the neighbours across the local line or plane, if the normals were estimated.
-    variances: Option<Vec<f64>>,
     covariances: Option<Vec<SMatrix<f64, D, D>>>,
 }
 
@@ -25,7 +23,7 @@ impl<const D: usize> Cloud<D> {
     pub fn new(points: Vec<SVector<f64, D>>) -> Result<Self, Error> {
         match points.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
             Some(index) => Err(Error::NonFinitePoint { index }),
-            None => Ok(Self { points, normals: None, variances: None, covariances: None }),
+            None => Ok(Self { points, normals: None, covariances: None }),
         }
     }
 
@@ -44,7 +42,7 @@ impl<const D: usize> Cloud<D> {
         if normals.iter().any(|n| !n.iter().all(|v| v.is_finite())) {
             return Err(Error::NonFinite { what: "a normal" });
         }
-        (self.normals, self.variances) = (Some(normals), None);
+        self.normals = Some(normals);
         Ok(self)
     }
 
@@ -57,8 +55,7 @@ impl<const D: usize> Cloud<D> {
     /// [`Error::Parameter`] when `neighbors` is smaller than `D`.
     pub fn estimate_normals(mut self, neighbors: usize, viewpoint: &SVector<f64, D>) -> Result<Self, Error> {
         let tree = KdTree::new(&self.points)?;
-        let surface = normals::estimate(&self.points, &tree, neighbors, viewpoint)?;
-        (self.normals, self.variances) = (Some(surface.normals), Some(surface.variances));
+        self.normals = Some(normals::estimate(&self.points, &tree, neighbors, viewpoint)?);
         Ok(self)
     }
 
@@ -112,11 +109,6 @@ impl<const D: usize> Cloud<D> {
     /// The covariances of the points, m², if there are any.
     pub fn covariances(&self) -> Option<&[SMatrix<f64, D, D>]> {
         self.covariances.as_deref()
-    }
-
-    /// Noise variance of each point across its surface, m², if the normals were estimated.
-    pub(crate) fn variances(&self) -> Option<&[f64]> {
-        self.variances.as_deref()
     }
 
     /// Number of points.

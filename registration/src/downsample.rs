@@ -57,6 +57,12 @@ pub fn mean_downsample<const D: usize>(
     Ok(kept)
 }
 
+/// The largest whole number not above `value`; the processor's own cut is towards zero.
+fn floor(value: f64) -> i64 {
+    let cut = value as i64;
+    cut.saturating_sub(i64::from((cut as f64) > value))
+}
+
 fn mean_of<const D: usize>(points: &[SVector<f64, D>], members: &[u32]) -> SVector<f64, D> {
     let sum: SVector<f64, D> = members.iter().map(|i| points[*i as usize]).sum();
     sum / members.len() as f64
@@ -72,32 +78,61 @@ fn for_each_cell<const D: usize>(
         return Err(Error::NonFinitePoint { index });
     }
     let inverse = 1.0 / cell;
-    let cell_of =
-        |p: &SVector<f64, D>| -> [i64; D] { std::array::from_fn(|a| (p[a] * inverse).floor() as i64) };
-    match packing(points, cell_of) {
+    let cell_of = |p: &SVector<f64, D>| -> [i64; D] { std::array::from_fn(|a| floor(p[a] * inverse)) };
+    let cells: Vec<[i64; D]> = points.iter().map(cell_of).collect();
+    match packing(&cells) {
         Some((low, counts)) => {
             // one number a cell in the order of the arrays: sorts several times as fast
             let key = |c: [i64; D]| (0..D).fold(0u64, |k, a| k * counts[a] + c[a].abs_diff(low[a]));
-            visit_groups(points, |p| key(cell_of(p)), visit);
+            let mut keyed: Vec<(u64, u32)> = cells.iter().map(|c| key(*c)).zip(0u32..).collect();
+            radix_sort(&mut keyed, counts.iter().product());
+            visit_groups(&keyed, visit);
         }
-        None => visit_groups(points, cell_of, visit),
+        None => {
+            let mut keyed: Vec<([i64; D], u32)> = cells.into_iter().zip(0u32..).collect();
+            keyed.sort_unstable();
+            visit_groups(&keyed, visit);
+        }
     }
     Ok(())
 }
 
+/// Sorts by key, all keys being below `limit`, and keeps the order of equal ones: digit after digit, the lowest first.
+fn radix_sort(items: &mut Vec<(u64, u32)>, limit: u64) {
+    const BITS: u32 = 11;
+    if items.len() < 1 << BITS {
+        return items.sort_unstable();
+    }
+    let digit = |key: u64, shift: u32| (key >> shift) as usize & ((1 << BITS) - 1);
+    let mut other = vec![(0, 0); items.len()];
+    let mut shift = 0;
+    while shift < u64::BITS && limit >> shift > 0 {
+        let mut places = [0usize; 1 << BITS];
+        items.iter().for_each(|item| places[digit(item.0, shift)] += 1);
+        let mut begin = 0;
+        for place in &mut places {
+            begin += std::mem::replace(place, begin);
+        }
+        for item in items.iter() {
+            let place = &mut places[digit(item.0, shift)];
+            other[*place] = *item;
+            *place += 1;
+        }
+        std::mem::swap(items, &mut other);
+        shift += BITS;
+    }
+}
+
 /// The lowest cell and the number of cells along each axis, if all cells can be numbered.
-fn packing<const D: usize>(
-    points: &[SVector<f64, D>],
-    cell_of: impl Fn(&SVector<f64, D>) -> [i64; D],
-) -> Option<([i64; D], [u64; D])> {
+fn packing<const D: usize>(cells: &[[i64; D]]) -> Option<([i64; D], [u64; D])> {
     let (mut low, mut high) = ([i64::MAX; D], [i64::MIN; D]);
-    for cell in points.iter().map(cell_of) {
+    for cell in cells {
         for axis in 0..D {
             low[axis] = low[axis].min(cell[axis]);
             high[axis] = high[axis].max(cell[axis]);
         }
     }
-    if points.is_empty() {
+    if cells.is_empty() {
         return None;
     }
     let counts: [u64; D] = std::array::from_fn(|a| high[a].abs_diff(low[a]).saturating_add(1));
@@ -105,17 +140,31 @@ fn packing<const D: usize>(
     Some((low, counts))
 }
 
-fn visit_groups<const D: usize, K: Ord + Copy>(
-    points: &[SVector<f64, D>],
-    key: impl Fn(&SVector<f64, D>) -> K,
-    mut visit: impl FnMut(&[u32]),
-) {
-    let mut keyed: Vec<(K, u32)> = points.iter().zip(0u32..).map(|(p, i)| (key(p), i)).collect();
-    keyed.sort_unstable();
+fn visit_groups<K: PartialEq>(keyed: &[(K, u32)], mut visit: impl FnMut(&[u32])) {
     let mut members = Vec::new();
     for group in keyed.chunk_by(|a, b| a.0 == b.0) {
         members.clear();
         members.extend(group.iter().map(|(_, index)| *index));
         visit(&members);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn radix_sort_sorts(mut keys in prop::collection::vec(any::<u64>(), 0..5000), shift in 0u32..64) {
+            keys.iter_mut().for_each(|k| *k >>= shift);
+            let mut items: Vec<(u64, u32)> = keys.into_iter().zip(0..).collect();
+            let mut expected = items.clone();
+            expected.sort();
+            let limit = items.iter().map(|i| i.0).max().unwrap_or(0).saturating_add(1);
+            radix_sort(&mut items, limit);
+            prop_assert_eq!(items, expected);
+        }
     }
 }

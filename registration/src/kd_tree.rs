@@ -34,16 +34,71 @@ pub struct KdTree<const D: usize> {
     points: Vec<SVector<f64, D>>,
     /// Original index of each point in tree order.
     indices: Vec<u32>,
-    /// Inner nodes, each before its left and then its right subtree. All leaves lie at one depth, so the children of
-    /// `i` with `l` levels below are `i + 1` and `i + 2^(l - 1)`.
-    nodes: Vec<Split>,
-    depth: u32,
+    /// In heap order: the root is 1, the children of `k` are `2 k` and `2 k + 1`. All leaves lie at one depth, after
+    /// the inner nodes.
+    nodes: Vec<Node<D>>,
+    leaves: Vec<Leaf<D>>,
+    /// The leaf of each point in tree order.
+    leaf_of: Vec<u32>,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Split {
+struct Node<const D: usize> {
+    /// Where an inner node is cut.
     value: f64,
     axis: usize,
+    /// The part of space the cuts above leave to the node.
+    cell: Bounds<D>,
+    /// The box of its points.
+    points: Bounds<D>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Bounds<const D: usize> {
+    low: SVector<f64, D>,
+    high: SVector<f64, D>,
+}
+
+impl<const D: usize> Bounds<D> {
+    fn everywhere() -> Self {
+        Self { low: SVector::repeat(f64::NEG_INFINITY), high: SVector::repeat(f64::INFINITY) }
+    }
+
+    /// The square is summed in the order in which the distance of a point is, and each part of it is rounded from
+    /// less: it never exceeds the distance of a point inside, so ties are kept.
+    #[inline(always)]
+    fn distance_sq(&self, query: &SVector<f64, D>) -> f64 {
+        let mut sum = 0.0;
+        for axis in 0..D {
+            let below = self.low[axis] - query[axis];
+            let above = query[axis] - self.high[axis];
+            let out = if below > above { below } else { above };
+            let out = if out > 0.0 { out } else { 0.0 };
+            sum += out * out;
+        }
+        sum
+    }
+
+    /// Whether every point outside is farther from the query than the root of `limit_sq`.
+    #[inline(always)]
+    fn encloses(&self, query: &SVector<f64, D>, limit_sq: f64) -> bool {
+        let mut margin = f64::INFINITY;
+        for axis in 0..D {
+            let (left, right) = (query[axis] - self.low[axis], self.high[axis] - query[axis]);
+            let least = if left < right { left } else { right };
+            margin = if least < margin { least } else { margin };
+        }
+        margin > 0.0 && margin * margin > limit_sq
+    }
+}
+
+/// The coordinates of a leaf's points once more, axis by axis, so that they are scanned side by side; what is left
+/// over is NaN, which is near nothing.
+#[derive(Debug, Clone, Copy)]
+struct Leaf<const D: usize> {
+    coordinates: [[f64; LEAF]; D],
+    /// Tree position of the first point.
+    begin: u32,
 }
 
 /// What a query wants to know; `limit_sq` shrinks as it learns.
@@ -67,10 +122,51 @@ impl<const D: usize> KdTree<D> {
         }
         let mut items: Vec<(SVector<f64, D>, u32)> =
             points.iter().zip(0u32..).map(|(p, i)| (*p, i)).collect();
-        let mut nodes = vec![Split { value: 0.0, axis: 0 }; (1 << depth) - 1];
-        split(&mut items, depth, &mut nodes);
+        let mut cuts = vec![Cut { value: 0.0, axis: 0 }; (1 << depth) - 1];
+        split(&mut items, depth, &mut cuts);
         let (points, indices) = items.into_iter().unzip();
-        Ok(Self { points, indices, nodes, depth })
+        let mut tree = Self { points, indices, nodes: Vec::new(), leaves: Vec::new(), leaf_of: Vec::new() };
+        tree.lay_out(depth, &cuts);
+        Ok(tree)
+    }
+
+    /// Makes nodes and leaves of the cuts, which come each before those of its left and then its right part.
+    fn lay_out(&mut self, depth: u32, cuts: &[Cut]) {
+        let cell = Bounds::everywhere();
+        self.nodes = vec![Node { value: 0.0, axis: 0, cell, points: cell }; 2 << depth];
+        self.leaves.reserve_exact(1 << depth);
+        self.leaf_of.reserve_exact(self.points.len());
+        if !self.points.is_empty() {
+            self.lay_out_part(1, cuts, 0, self.points.len());
+        }
+    }
+
+    fn lay_out_part(&mut self, k: usize, cuts: &[Cut], begin: usize, end: usize) {
+        let Some((&Cut { value, axis }, below)) = cuts.split_first() else {
+            return self.lay_out_leaf(k, begin, end);
+        };
+        let middle = begin + (end - begin) / 2;
+        let (left, right) = below.split_at(below.len() / 2);
+        (self.nodes[k].value, self.nodes[k].axis) = (value, axis);
+        (self.nodes[2 * k].cell, self.nodes[2 * k + 1].cell) = (self.nodes[k].cell, self.nodes[k].cell);
+        self.nodes[2 * k].cell.high[axis] = value;
+        self.nodes[2 * k + 1].cell.low[axis] = value;
+        self.lay_out_part(2 * k, left, begin, middle);
+        self.lay_out_part(2 * k + 1, right, middle, end);
+        let (a, b) = (self.nodes[2 * k].points, self.nodes[2 * k + 1].points);
+        self.nodes[k].points = Bounds { low: a.low.inf(&b.low), high: a.high.sup(&b.high) };
+    }
+
+    fn lay_out_leaf(&mut self, k: usize, begin: usize, end: usize) {
+        let mut leaf = Leaf { coordinates: [[f64::NAN; LEAF]; D], begin: begin as u32 };
+        let mut hull = Bounds { low: self.points[begin], high: self.points[begin] };
+        for (slot, point) in self.points[begin..end].iter().enumerate() {
+            (0..D).for_each(|axis| leaf.coordinates[axis][slot] = point[axis]);
+            hull = Bounds { low: hull.low.inf(point), high: hull.high.sup(point) };
+            self.leaf_of.push(self.leaves.len() as u32);
+        }
+        self.nodes[k].points = hull;
+        self.leaves.push(leaf);
     }
 
     /// Number of points.
@@ -105,20 +201,20 @@ impl<const D: usize> KdTree<D> {
 
     /// [`KdTree::k_nearest`] into a buffer that is cleared first.
     pub fn k_nearest_into(&self, query: &SVector<f64, D>, k: usize, found: &mut Vec<Neighbor>) {
-        self.k_nearest_within(query, k, f64::INFINITY, found);
-    }
-
-    /// The `k` nearest points not farther than the root of `limit_sq`, into a buffer that is cleared first.
-    pub(crate) fn k_nearest_within(
-        &self,
-        query: &SVector<f64, D>,
-        k: usize,
-        limit_sq: f64,
-        found: &mut Vec<Neighbor>,
-    ) {
         found.clear();
         if k > 0 {
-            self.search(query, &mut Nearest { k, limit_sq, found });
+            self.search(query, &mut Nearest { k, limit_sq: f64::INFINITY, found });
+        }
+    }
+
+    /// The `k` nearest points to the one at a tree position, itself included, none of them farther than the root of
+    /// `limit_sq`, into a buffer that is cleared first.
+    #[inline(always)]
+    pub(crate) fn k_nearest_at(&self, position: u32, k: usize, limit_sq: f64, found: &mut Vec<Neighbor>) {
+        found.clear();
+        if k > 0 {
+            let query = self.point_at(position as usize);
+            self.search_from(query, position, &mut Nearest { k, limit_sq, found });
         }
     }
 
@@ -126,7 +222,7 @@ impl<const D: usize> KdTree<D> {
     pub(crate) fn nearest_from(&self, query: &SVector<f64, D>, guess: u32) -> (u32, f64) {
         let distance_sq = (self.point_at(guess as usize) - query).norm_squared();
         let mut best = BestPosition { position: guess, index: self.indices[guess as usize], distance_sq };
-        self.search(query, &mut best);
+        self.search_from(query, guess, &mut best);
         (best.position, best.distance_sq)
     }
 
@@ -156,66 +252,105 @@ impl<const D: usize> KdTree<D> {
         &self.indices
     }
 
-    #[inline]
+    /// Visits the points within the visitor's limit, near leaves first.
+    #[inline(always)]
     pub(crate) fn search<V: Visitor>(&self, query: &SVector<f64, D>, visitor: &mut V) {
         if !self.points.is_empty() {
-            let root = Branch { node: 0, begin: 0, end: self.points.len(), levels: self.depth };
-            self.descend(query, visitor, root, &mut SVector::zeros());
+            self.search_from_leaf(query, self.descend(query, 1), visitor);
         }
     }
 
-    /// `offsets` is the vector from the cell of the branch to the query, zero along axes on which the query is inside.
-    ///
-    /// Its square is summed afresh in the order in which a distance is, so that rounding cannot make it exceed the
-    /// distance of a point of the cell: ties are kept.
-    fn descend<V: Visitor>(
-        &self,
-        query: &SVector<f64, D>,
-        visitor: &mut V,
-        branch: Branch,
-        offsets: &mut SVector<f64, D>,
-    ) {
-        let Branch { node, begin, end, levels } = branch;
-        if levels == 0 {
-            for (offset, (point, index)) in
-                self.points[begin..end].iter().zip(&self.indices[begin..end]).enumerate()
-            {
-                let distance_sq = (point - query).norm_squared();
-                if distance_sq <= visitor.limit_sq() {
-                    visitor.visit(begin + offset, *index, distance_sq);
-                }
+    /// The same, begun at the leaf of the point at a tree position: what is near that point is found without a way
+    /// down the tree.
+    #[inline(always)]
+    pub(crate) fn search_from<V: Visitor>(&self, query: &SVector<f64, D>, position: u32, visitor: &mut V) {
+        let leaf = self.leaves.len() + self.leaf_of[position as usize] as usize;
+        self.search_from_leaf(query, leaf, visitor);
+    }
+
+    /// Up from a leaf until the node at hand holds all that can be near, and down again into what was passed.
+    #[inline(always)]
+    fn search_from_leaf<V: Visitor>(&self, query: &SVector<f64, D>, leaf: usize, visitor: &mut V) {
+        self.scan(leaf, query, visitor);
+        let mut k = leaf;
+        while k > 1 && !self.nodes[k].cell.encloses(query, visitor.limit_sq()) {
+            if self.nodes[k ^ 1].points.distance_sq(query) <= visitor.limit_sq() {
+                self.search_below(query, k ^ 1, visitor);
             }
+            k /= 2;
+        }
+    }
+
+    #[inline(always)]
+    fn search_below<V: Visitor>(&self, query: &SVector<f64, D>, root: usize, visitor: &mut V) {
+        let mut k = root;
+        loop {
+            k = self.descend(query, k);
+            self.scan(k, query, visitor);
+            // up to the first node whose other side may hold something near
+            loop {
+                if k == root {
+                    return;
+                }
+                let is_near = k % 2 == self.side(query, k / 2);
+                if is_near && self.nodes[k ^ 1].points.distance_sq(query) <= visitor.limit_sq() {
+                    k ^= 1;
+                    break;
+                }
+                k /= 2;
+            }
+        }
+    }
+
+    /// The leaf below node `k` whose cell holds the query or is on its side of every cut.
+    #[inline(always)]
+    fn descend(&self, query: &SVector<f64, D>, mut k: usize) -> usize {
+        while k < self.leaves.len() {
+            k = 2 * k + self.side(query, k);
+        }
+        k
+    }
+
+    #[inline(always)]
+    fn side(&self, query: &SVector<f64, D>, k: usize) -> usize {
+        let Node { value, axis, .. } = &self.nodes[k];
+        usize::from(query[*axis] >= *value)
+    }
+
+    #[inline(always)]
+    fn scan<V: Visitor>(&self, k: usize, query: &SVector<f64, D>, visitor: &mut V) {
+        let Leaf { coordinates, begin } = &self.leaves[k - self.leaves.len()];
+        let mut squares = [0.0; LEAF];
+        for axis in 0..D {
+            for (square, value) in squares.iter_mut().zip(&coordinates[axis]) {
+                let d = value - query[axis];
+                *square += d * d;
+            }
+        }
+        let limit = visitor.limit_sq();
+        if !squares.iter().fold(false, |any, square| any | (*square <= limit)) {
             return;
         }
-        let middle = begin + (end - begin) / 2;
-        let Split { value, axis } = self.nodes[node];
-        let offset = query[axis] - value;
-        let left = Branch { node: node + 1, begin, end: middle, levels: levels - 1 };
-        let right = Branch { node: node + (1 << (levels - 1)), begin: middle, end, levels: levels - 1 };
-        let (near, far) = if offset < 0.0 { (left, right) } else { (right, left) };
-        self.descend(query, visitor, near, offsets);
-        let before = std::mem::replace(&mut offsets[axis], offset);
-        if offsets.norm_squared() <= visitor.limit_sq() {
-            self.descend(query, visitor, far, offsets);
+        for (slot, &distance_sq) in squares.iter().enumerate() {
+            if distance_sq <= visitor.limit_sq() {
+                let position = *begin as usize + slot;
+                visitor.visit(position, self.indices[position], distance_sq);
+            }
         }
-        offsets[axis] = before;
     }
-}
-
-/// A subtree: its root, its run of points and the levels below.
-#[derive(Clone, Copy)]
-struct Branch {
-    node: usize,
-    begin: usize,
-    end: usize,
-    levels: u32,
 }
 
 /// Runs longer than this are split side by side if threads are there.
 const PARALLEL: usize = 4096;
 
-fn split<const D: usize>(items: &mut [(SVector<f64, D>, u32)], levels: u32, nodes: &mut [Split]) {
-    let Some((node, below)) = nodes.split_first_mut() else { return };
+#[derive(Debug, Clone, Copy)]
+struct Cut {
+    value: f64,
+    axis: usize,
+}
+
+fn split<const D: usize>(items: &mut [(SVector<f64, D>, u32)], levels: u32, cuts: &mut [Cut]) {
+    let Some((cut, below)) = cuts.split_first_mut() else { return };
     let (mut low, mut high) = (items[0].0, items[0].0);
     for (point, _) in items.iter() {
         low = low.inf(point);
@@ -224,15 +359,15 @@ fn split<const D: usize>(items: &mut [(SVector<f64, D>, u32)], levels: u32, node
     let axis = (high - low).imax();
     let middle = items.len() / 2;
     items.select_nth_unstable_by(middle, |a, b| a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1)));
-    *node = Split { value: items[middle].0[axis], axis };
+    *cut = Cut { value: items[middle].0[axis], axis };
     let parallel = items.len() > PARALLEL;
     let (left, right) = items.split_at_mut(middle);
-    let (nodes_left, nodes_right) = below.split_at_mut((1 << (levels - 1)) - 1);
+    let (cuts_left, cuts_right) = below.split_at_mut((1 << (levels - 1)) - 1);
     if parallel {
-        join(|| split(left, levels - 1, nodes_left), || split(right, levels - 1, nodes_right));
+        join(|| split(left, levels - 1, cuts_left), || split(right, levels - 1, cuts_right));
     } else {
-        split(left, levels - 1, nodes_left);
-        split(right, levels - 1, nodes_right);
+        split(left, levels - 1, cuts_left);
+        split(right, levels - 1, cuts_right);
     }
 }
 
@@ -254,35 +389,43 @@ impl Visitor for Best {
     }
 }
 
-/// The nearest point by tree position, and the distance of the runner-up.
+/// The nearest few points by tree position, in order of distance, then of index.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct TwoNearest {
-    pub(crate) position: u32,
-    pub(crate) index: u32,
-    pub(crate) distance_sq: f64,
-    pub(crate) second_sq: f64,
+pub(crate) struct NearestFew<const K: usize> {
+    /// `u32::MAX` where there are fewer.
+    pub(crate) positions: [u32; K],
+    /// Infinite where there are fewer.
+    pub(crate) squares: [f64; K],
+    indices: [u32; K],
+    max_distance_sq: f64,
 }
 
-impl TwoNearest {
+impl<const K: usize> NearestFew<K> {
     pub(crate) fn within(max_distance_sq: f64) -> Self {
-        Self { position: u32::MAX, index: u32::MAX, distance_sq: f64::INFINITY, second_sq: max_distance_sq }
+        Self {
+            positions: [u32::MAX; K],
+            squares: [f64::INFINITY; K],
+            indices: [u32::MAX; K],
+            max_distance_sq,
+        }
     }
 }
 
-impl Visitor for TwoNearest {
-    #[inline]
+impl<const K: usize> Visitor for NearestFew<K> {
+    #[inline(always)]
     fn limit_sq(&self) -> f64 {
-        self.second_sq
+        let last = self.squares[K - 1];
+        if last < self.max_distance_sq { last } else { self.max_distance_sq }
     }
-    #[inline]
+    #[inline(always)]
     fn visit(&mut self, position: usize, index: u32, distance_sq: f64) {
-        if distance_sq < self.distance_sq || (distance_sq == self.distance_sq && index < self.index) {
-            if self.position != u32::MAX {
-                self.second_sq = self.distance_sq;
+        let mut new = (distance_sq, index, position as u32);
+        for k in 0..K {
+            let old = (self.squares[k], self.indices[k], self.positions[k]);
+            if new.0 < old.0 || (new.0 == old.0 && new.1 < old.1) {
+                (self.squares[k], self.indices[k], self.positions[k]) = new;
+                new = old;
             }
-            (self.position, self.index, self.distance_sq) = (position as u32, index, distance_sq);
-        } else if distance_sq < self.second_sq {
-            self.second_sq = distance_sq;
         }
     }
 }

@@ -24,6 +24,7 @@ mod noise;
 mod normals;
 mod outlier;
 mod parallel;
+mod rigid_fit;
 mod sliding_window;
 
 pub use cloud::Cloud;

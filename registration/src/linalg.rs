@@ -61,3 +61,43 @@ pub(crate) fn pseudo_solve<const N: usize>(
     }
     x
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// `A v = λ v` for every pair, orthonormal vectors, ascending values: together they leave no eigenvalue out.
+    fn residual_is_rounding<const N: usize>(matrix: &SMatrix<f64, N, N>) -> Result<(), TestCaseError> {
+        let (values, vectors) = symmetric_eigen(matrix);
+        let size = matrix.norm().max(f64::MIN_POSITIVE);
+        let rebuilt = vectors * SMatrix::from_diagonal(&values) * vectors.transpose();
+        prop_assert!((rebuilt - matrix).norm() <= 1e-13 * size, "{matrix} {values}");
+        prop_assert!((vectors.transpose() * vectors - SMatrix::identity()).norm() <= 1e-13);
+        prop_assert!((1..N).all(|k| values[k - 1] <= values[k]));
+        Ok(())
+    }
+
+    /// Random, with blocks of zeros, equal rows, repeated eigenvalues and entries of very unequal size.
+    fn symmetric<const N: usize>() -> impl Strategy<Value = SMatrix<f64, N, N>> {
+        let entry = prop_oneof![
+            3 => -1.0..1.0f64, 2 => Just(0.0), 1 => Just(1.0), 1 => Just(-1.0), 1 => -1e-9..1e-9f64, 1 => -1e6..1e6f64
+        ];
+        prop::collection::vec(entry, N * N).prop_map(|v| {
+            let m = SMatrix::<f64, N, N>::from_column_slice(&v);
+            m + m.transpose()
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+        #[test]
+        fn eigenvalues_of_two(m in symmetric::<2>()) { residual_is_rounding(&m)?; }
+        #[test]
+        fn eigenvalues_of_three(m in symmetric::<3>()) { residual_is_rounding(&m)?; }
+        #[test]
+        fn eigenvalues_of_four(m in symmetric::<4>()) { residual_is_rounding(&m)?; }
+        #[test]
+        fn eigenvalues_of_six(m in symmetric::<6>()) { residual_is_rounding(&m)?; }
+    }
+}

@@ -1,8 +1,10 @@
 use draco_lie::LieGroup;
 use nalgebra::{
-    Isometry2, Isometry3, Matrix2, Matrix3, Rotation2, Rotation3, SMatrix, SVector, Translation2,
-    Translation3, UnitComplex, UnitQuaternion, Vector2, Vector3,
+    Isometry2, Isometry3, Matrix2, Matrix3, Matrix4, Quaternion, Rotation2, Rotation3, SMatrix, SVector,
+    Translation2, Translation3, UnitComplex, UnitQuaternion, Vector2, Vector3, Vector4,
 };
+
+use crate::linalg::symmetric_eigen;
 
 /// A rigid motion of `D`-dimensional points with an `N`-dimensional tangent space.
 ///
@@ -144,12 +146,43 @@ impl RigidMotion<3, 6> for Isometry3<f64> {
         m
     }
     fn best_rotation(c: &Matrix3<f64>) -> Matrix3<f64> {
-        let svd = c.svd(true, true);
-        let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return Matrix3::identity() };
-        let sign = if (u * v_t).determinant() < 0.0 { -1.0 } else { 1.0 };
-        // singular values come in descending order: a reflection is repaired along the weakest
-        u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t
+        best_quaternion(c).to_rotation_matrix().into_inner()
     }
+}
+
+/// The unit quaternion of the rotation that maximises `tr(Rᵀ C)`; of several the one nearest to none.
+///
+/// **Source**: Horn, "Closed-form solution of absolute orientation using unit quaternions", 1987: the eigenvector of
+/// the largest eigenvalue of a symmetric matrix of four rows.
+fn best_quaternion(c: &Matrix3<f64>) -> UnitQuaternion<f64> {
+    let s = c.transpose();
+    let (a, b, d) = (s.m23 - s.m32, s.m31 - s.m13, s.m12 - s.m21);
+    let (e, f, g) = (s.m12 + s.m21, s.m31 + s.m13, s.m23 + s.m32);
+    let n = Matrix4::new(
+        s.m11 + s.m22 + s.m33,
+        a,
+        b,
+        d,
+        a,
+        s.m11 - s.m22 - s.m33,
+        e,
+        f,
+        b,
+        e,
+        s.m22 - s.m11 - s.m33,
+        g,
+        d,
+        f,
+        g,
+        s.m33 - s.m11 - s.m22,
+    );
+    let (values, vectors) = symmetric_eigen(&n);
+    let near_top = values[3] - 1e-12 * values.amax();
+    let best: Vector4<f64> =
+        (0..4).filter(|&k| values[k] >= near_top).map(|k| vectors.column(k) * vectors[(0, k)]).sum();
+    // all best ones turn by half a circle: any of them serves
+    let q = best.try_normalize(1e-6).unwrap_or_else(|| vectors.column(3).into_owned());
+    UnitQuaternion::new_normalize(Quaternion::new(q[0], q[1], q[2], q[3]))
 }
 
 #[cfg(test)]
@@ -171,6 +204,28 @@ mod tests {
     }
 
     proptest! {
+        /// No rotation beats the answer: of a dense sample of them, and of small turns about it.
+        #[test]
+        fn best_rotation_is_the_best(
+            v in prop::array::uniform9(-1.0..1.0f64),
+            flat in prop_oneof![Just(0.0), Just(1e-9), Just(1e-3), Just(1.0)],
+        ) {
+            let m = Matrix3::from_row_slice(&v);
+            let c = m * Matrix3::from_diagonal(&Vector3::new(1.0, flat, flat * flat)) * m.transpose() * m;
+            let best = Isometry3::best_rotation(&c);
+            prop_assert!((best.transpose() * best - Matrix3::identity()).norm() < 1e-12);
+            prop_assert!(best.determinant() > 0.0);
+            let value = (best.transpose() * c).trace();
+            for k in 0..500 {
+                let axis = Vector3::new((1.3 * f64::from(k)).sin(), (2.1 * f64::from(k)).cos(), (0.7 * f64::from(k)).sin());
+                let turn = Rotation3::new(axis.normalize() * (0.37 * f64::from(k)).rem_euclid(6.3)).into_inner();
+                let small = Rotation3::new(axis * 1e-3).into_inner();
+                for other in [turn, small * best] {
+                    prop_assert!((other.transpose() * c).trace() <= value + 1e-12 * c.norm());
+                }
+            }
+        }
+
         #[test]
         fn gram_is_the_product_of_the_jacobians(v in prop::array::uniform12(-1.0..1.0f64)) {
             check::<2, 3, Isometry2<f64>>(Vector2::new(v[0], v[1]), Matrix2::from_row_slice(&v[2..6]));

@@ -1,17 +1,11 @@
 use nalgebra::{SMatrix, SVector};
+use pulp::{Arch, NullaryFnOnce};
 
 use crate::Error;
 use crate::error::check;
 use crate::kd_tree::{KdTree, Neighbor};
 use crate::linalg::symmetric_eigen;
 use crate::parallel;
-
-/// The local line or plane through every point.
-pub(crate) struct Surface<const D: usize> {
-    pub(crate) normals: Vec<SVector<f64, D>>,
-    /// Variance of the neighbours across it, m²: the noise of the points there.
-    pub(crate) variances: Vec<f64>,
-}
 
 /// Raises an upper bound of a distance above its rounding.
 const ROUNDING: f64 = 1.0 + 1e-9;
@@ -22,16 +16,11 @@ pub(crate) fn estimate<const D: usize>(
     tree: &KdTree<D>,
     neighbors: usize,
     viewpoint: &SVector<f64, D>,
-) -> Result<Surface<D>, Error> {
+) -> Result<Vec<SVector<f64, D>>, Error> {
     check("neighbors", neighbors as f64, neighbors >= D, "D or more")?;
-    let local = for_each_neighborhood(points, tree, neighbors, |point, found| {
-        let (normal, across) = normal_of(&scatter(points, point, found), viewpoint - point);
-        // the fit of a line (plane) takes D degrees of freedom
-        let variance = across / found.len().saturating_sub(D).max(1) as f64;
-        (towards(&normal, &(viewpoint - point)), variance)
-    });
-    let (normals, variances) = local.into_iter().unzip();
-    Ok(Surface { normals, variances })
+    Ok(for_each_neighborhood(points, tree, neighbors, |point, found| {
+        towards(&normal_of(&scatter(points, point, found), viewpoint - point), &(viewpoint - point))
+    }))
 }
 
 /// Scatter of the `neighbors` nearest points about their mean, plus `noise`² along every axis.
@@ -56,26 +45,44 @@ fn for_each_neighborhood<const D: usize, T: Clone + Send>(
     neighbors: usize,
     local: impl Fn(&SVector<f64, D>, &[Neighbor]) -> T + Sync,
 ) -> Vec<T> {
-    let in_order = |positions: &[u32]| -> Vec<T> {
-        let mut found: Vec<Neighbor> = Vec::with_capacity(neighbors + 1);
-        let (mut previous, mut farthest) = (SVector::repeat(f64::INFINITY), 0.0);
-        let visit = |&index: &u32| {
-            let point = &points[index as usize];
-            // the neighbours of the point before are at most this far, so those of this one are not farther
-            let reach: f64 = (farthest + (point - previous).norm()) * ROUNDING;
-            tree.k_nearest_within(point, neighbors, reach * reach, &mut found);
-            (previous, farthest) = (*point, found.last().map_or(f64::INFINITY, |n| n.distance_sq.sqrt()));
-            local(point, &found)
-        };
-        positions.iter().map(visit).collect()
-    };
+    let positions: Vec<u32> = (0..points.len() as u32).collect();
     // in tree order, so that consecutive queries touch the same leaves
-    let local = parallel::map_chunks(tree.order(), in_order);
-    let mut results = local.clone();
-    for (index, result) in tree.order().iter().zip(local) {
+    let in_order =
+        |positions: &[u32]| Arch::new().dispatch(Neighborhoods { tree, neighbors, positions, local: &local });
+    let found = parallel::map_chunks(&positions, in_order);
+    let mut results = found.clone();
+    for (index, result) in tree.order().iter().zip(found) {
         results[*index as usize] = result;
     }
     results
+}
+
+/// The neighbourhoods of a run of tree positions, as one piece of work that is compiled for the processor's vectors.
+struct Neighborhoods<'a, const D: usize, F> {
+    tree: &'a KdTree<D>,
+    neighbors: usize,
+    positions: &'a [u32],
+    local: &'a F,
+}
+
+impl<const D: usize, T, F: Fn(&SVector<f64, D>, &[Neighbor]) -> T> NullaryFnOnce for Neighborhoods<'_, D, F> {
+    type Output = Vec<T>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<T> {
+        let mut results = Vec::with_capacity(self.positions.len());
+        let mut found: Vec<Neighbor> = Vec::with_capacity(self.neighbors + 1);
+        let (mut previous, mut farthest) = (SVector::repeat(f64::INFINITY), 0.0);
+        for &position in self.positions {
+            let point = self.tree.point_at(position as usize);
+            // the neighbours of the point before are at most this far, so those of this one are not farther
+            let reach: f64 = (farthest + (point - previous).norm()) * ROUNDING;
+            self.tree.k_nearest_at(position, self.neighbors, reach * reach, &mut found);
+            (previous, farthest) = (*point, found.last().map_or(f64::INFINITY, |n| n.distance_sq.sqrt()));
+            results.push((self.local)(point, &found));
+        }
+        results
+    }
 }
 
 /// Scatter matrix of the neighbours, summed about `point` so that large coordinates lose no digits.
@@ -93,17 +100,14 @@ fn scatter<const D: usize>(
     squares - sum * sum.transpose() / neighbors.len().max(1) as f64
 }
 
-fn normal_of<const D: usize>(
-    scatter: &SMatrix<f64, D, D>,
-    fallback: SVector<f64, D>,
-) -> (SVector<f64, D>, f64) {
+fn normal_of<const D: usize>(scatter: &SMatrix<f64, D, D>, fallback: SVector<f64, D>) -> SVector<f64, D> {
     let (axis, values) = smallest_axis(scatter);
     // rank below D - 1: no line (plane) is defined, so the direction of sight serves
     if values[1.min(D - 1)] > 1e-12 * values[D - 1] && values[D - 1] > 0.0 {
-        (axis, values[0])
+        axis
     } else {
         let along = fallback.try_normalize(0.0);
-        (along.unwrap_or_else(|| SVector::from_fn(|i, _| f64::from(u8::from(i == 0)))), values[0])
+        along.unwrap_or_else(|| SVector::from_fn(|i, _| f64::from(u8::from(i == 0))))
     }
 }
 
@@ -116,10 +120,12 @@ fn towards<const D: usize>(normal: &SVector<f64, D>, view: &SVector<f64, D>) -> 
 pub(crate) fn smallest_axis<const D: usize>(m: &SMatrix<f64, D, D>) -> (SVector<f64, D>, SVector<f64, D>) {
     if D == 2 {
         let mean = 0.5 * (m[(0, 0)] + m[(1, 1)]);
-        let half = 0.5 * (m[(0, 0)] - m[(1, 1)]);
-        let radius = half.hypot(m[(0, 1)]);
-        // the long axis has the angle ½ atan2(2 m01, m00 - m11)
-        let (sin, cos) = (0.5 * m[(0, 1)].atan2(half)).sin_cos();
+        let (half, off) = (0.5 * (m[(0, 0)] - m[(1, 1)]), m[(0, 1)]);
+        let radius = (half * half + off * off).sqrt();
+        // the long axis: of its two forms the one that subtracts nothing
+        let (x, y) = if half >= 0.0 { (half + radius, off) } else { (off, radius - half) };
+        let length = (x * x + y * y).sqrt();
+        let (cos, sin) = if length > 0.0 { (x / length, y / length) } else { (1.0, 0.0) };
         let axis = SVector::from_fn(|i, _| if i == 0 { -sin } else { cos });
         let values = SVector::from_fn(|i, _| if i == 0 { (mean - radius).max(0.0) } else { mean + radius });
         return (axis, values);

@@ -84,9 +84,14 @@ pub(super) fn best_first<B: Boxes>(
     }))
 }
 
-/// Mean of the smallest values, a share `keep` of them.
+/// How many of `count` values a share `keep` is, at least one.
+pub(super) fn kept_of(count: usize, keep: f64) -> usize {
+    ((count as f64 * keep).ceil() as usize).clamp(1, count)
+}
+
+/// Mean of the smallest values, a share `keep` of them, which come to the front.
 pub(super) fn mean_kept(squares: &mut [f64], keep: f64) -> f64 {
-    let kept = ((squares.len() as f64 * keep).ceil() as usize).clamp(1, squares.len());
+    let kept = kept_of(squares.len(), keep);
     if kept < squares.len() {
         squares.select_nth_unstable_by(kept - 1, f64::total_cmp);
     }

@@ -4,6 +4,7 @@ mod best_first;
 mod draco1;
 mod near_grid;
 mod near_start;
+mod nearest_grid;
 mod se2;
 mod se3;
 

@@ -2,7 +2,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Isometry2, Rotation2, Vector2};
 
-use super::best_first::{Boxes, best_first, mean_kept, scattering_stride};
+use super::best_first::{Boxes, best_first, kept_of, mean_kept, scattering_stride};
 use super::near_grid::NearGrid;
 use crate::cloud::Cloud;
 use crate::error::check;
@@ -184,7 +184,9 @@ struct Search<'a> {
     start: Region,
     /// Modes already found, which the search leaves out.
     found: Vec<Isometry2<f64>>,
-    buffer: Vec<f64>,
+    /// Squares of the least and the likely distances of the points in a box.
+    least: Vec<f64>,
+    near: Vec<f64>,
 }
 
 impl<'a> Search<'a> {
@@ -206,7 +208,7 @@ impl<'a> Search<'a> {
         Ok(Self {
             params,
             target,
-            grid: NearGrid::new(places, params.truncation, 16.0),
+            grid: NearGrid::new(places, params.truncation, cells_per_reach(params.gap)),
             mean_radius: radii.iter().sum::<f64>() / used as f64,
             radii,
             cloud: Cloud::new(points.iter().map(|p| p + source_centre).collect())?,
@@ -227,7 +229,8 @@ impl<'a> Search<'a> {
                 half_width: params.translation,
             },
             found: Vec::new(),
-            buffer: Vec::with_capacity(used),
+            least: Vec::with_capacity(used),
+            near: Vec::with_capacity(used),
         })
     }
 
@@ -291,35 +294,31 @@ impl Boxes for Search<'_> {
         let tau = self.params.truncation;
         let chord = 2.0 * (0.5 * node.half_angle).min(0.5 * PI).sin();
         let shift = std::f64::consts::SQRT_2 * node.half_width;
-        let exact = chord * self.mean_radius + shift < self.grid.slack;
+        let exact = chord * self.mean_radius + shift < 0.25 * self.grid.slack();
         let rotation = Rotation2::new(node.angle);
-        let (n, half_slack) = (self.points.len() as f64, 0.5 * self.grid.slack);
-        let (mut lower, mut estimate) = (0.0, 0.0);
-        let trimmed = self.params.keep < 1.0;
-        self.buffer.clear();
+        let kept = kept_of(self.points.len(), self.params.keep) as f64;
+        // what the points left out by trimming may take at most
+        let left_out = (self.points.len() as f64 - kept) * tau * tau;
+        let mut lower = 0.0;
+        self.least.clear();
+        self.near.clear();
         for (point, radius) in self.points.iter().zip(&self.radii) {
             let place = rotation * point + node.centroid;
             let (bound, near) = if exact {
                 let d = self.target.tree.nearest_within(&place, tau).map_or(tau, |n| n.distance_sq.sqrt());
                 (d, d)
             } else {
-                let d = self.grid.bound(&place);
-                (d, (d + half_slack).min(tau))
+                self.grid.bound(&place)
             };
-            let least = (bound - radius * chord - shift).max(0.0);
+            let least = (bound.min(tau) - radius * chord - shift).max(0.0);
             lower += least * least;
-            estimate += near * near;
-            if trimmed {
-                self.buffer.push(least * least);
-            } else if lower > cut * n {
-                return (lower / n, f64::INFINITY);
+            if lower - left_out > cut * kept {
+                return ((lower - left_out) / kept, f64::INFINITY);
             }
+            self.least.push(least * least);
+            self.near.push(near.min(tau).powi(2));
         }
-        if trimmed {
-            (mean_kept(&mut self.buffer, self.params.keep), estimate / n * self.params.keep)
-        } else {
-            (lower / n, estimate / n)
-        }
+        (mean_kept(&mut self.least, self.params.keep), mean_kept(&mut self.near, self.params.keep))
     }
 
     /// Polishes the centre of a box that looks better than the best pose.
@@ -349,6 +348,11 @@ impl Boxes for Search<'_> {
             .filter(|(cost, _)| *cost < best)
             .min_by(|a, b| a.0.total_cmp(&b.0)))
     }
+}
+
+/// Cells of the distance grid along the truncation, so that a cell blurs the cost by less than the gap does.
+fn cells_per_reach(gap: f64) -> f64 {
+    (2.0 / gap.sqrt()).max(16.0)
 }
 
 fn angle_between(a: f64, b: f64) -> f64 {

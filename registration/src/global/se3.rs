@@ -3,10 +3,12 @@ use std::f64::consts::PI;
 use draco_lie::LieGroup;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::best_first::{Boxes, best_first, mean_kept, scattering_stride};
+use super::best_first::{Boxes, best_first, kept_of, mean_kept, scattering_stride};
+use super::nearest_grid::NearestGrid;
 use crate::cloud::Cloud;
 use crate::error::check;
 use crate::icp::{IcpParams, Optimizer, Rejector, Residual, StopRule, Target};
+use crate::rigid_fit::rigid_fit;
 use crate::{Error, RigidMotion};
 
 /// What a global search in three dimensions looks for, and where.
@@ -98,9 +100,10 @@ impl GlobalMatch3 {
 /// [`Error::TooFewPoints`], [`Error::Parameter`], [`Error::NonFinite`].
 ///
 /// **Source**: Yang, Li, Campbell, Jia, "Go-ICP: a globally optimal solution to 3D ICP point-set registration",
-/// 2016. We search one six-dimensional tree instead of one of translations inside one of rotations, query k-d trees
-/// (of a thousand target points for wide boxes, with their cover as slack) instead of a distance transform, draw a
-/// subset of points, and polish a box fully only when a short polish of 60 points looks promising.
+/// 2016. We search one six-dimensional tree instead of one of translations inside one of rotations, look wide boxes up
+/// in a grid that holds nearest points of a thousand target points (with their cover as slack) and ask a k-d tree for
+/// narrow ones, draw a subset of points, and polish a box fully only when a short polish of 60 points over that grid
+/// looks promising.
 pub fn branch_and_bound_3d(
     target: &Target<3>,
     source: &Cloud<3>,
@@ -163,9 +166,11 @@ const POLISHED_HALF_ANGLE: f64 = PI / 8.0;
 /// Target points of the coarse target: queries far from a surface visit many of its points, and most are far.
 const COARSE_POINTS: usize = 1000;
 
-/// Source points and steps of the first polish, which only has to tell a promising box.
+/// Source points of the first polish, which only has to tell a promising box.
 const SCOUTS: usize = 60;
-const SCOUT_STEPS: usize = 15;
+
+/// The first polish ends when a step leaves more than this share of the cost.
+const SETTLED: f64 = 0.98;
 
 /// A scouted pose is polished fully when its cost is below this multiple of the best.
 const PROMISING: f64 = 3.0;
@@ -178,8 +183,8 @@ struct Search<'a> {
     coarse: Target<3>,
     /// No target point is farther from a coarse one, metres.
     cover: f64,
-    scouts: Cloud<3>,
-    scout: IcpParams,
+    grid: NearestGrid,
+    scouts: Vec<Vector3<f64>>,
     drawn: Cloud<3>,
     radii: Vec<f64>,
     mean_radius: f64,
@@ -215,8 +220,6 @@ impl<'a> Search<'a> {
             stop: StopRule { max_iterations: 60, translation: 1e-3 * span, rotation: 1e-3, window: 1 },
             ..IcpParams::sonar_2d()
         };
-        let scout =
-            IcpParams { stop: StopRule { max_iterations: SCOUT_STEPS, ..polish.stop }, ..polish.clone() };
         // neighbours in the tree's order lie close together, so every k-th point covers them all
         let every = target.len().div_ceil(COARSE_POINTS);
         let coarse: Vec<_> =
@@ -227,10 +230,10 @@ impl<'a> Search<'a> {
             params,
             target,
             start: *start,
+            grid: NearestGrid::new(&coarse),
             coarse,
             cover,
-            scouts: Cloud::new(points.iter().take(SCOUTS).copied().collect())?,
-            scout,
+            scouts: points.iter().take(SCOUTS).copied().collect(),
             mean_radius: radii.iter().sum::<f64>() / used as f64,
             radii,
             drawn: Cloud::new(points)?,
@@ -258,11 +261,61 @@ impl<'a> Search<'a> {
         Isometry3::from_parts(Translation3::from(translation), self.start.rotation * turn)
     }
 
-    fn cost(&self, target: &Target<3>, cloud: &Cloud<3>, pose: &Isometry3<f64>) -> f64 {
-        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - target.origin);
-        let near =
-            |p: &Vector3<f64>| target.tree.nearest(&(r * p + t)).map_or(f64::INFINITY, |n| n.distance_sq);
+    fn cost(&self, cloud: &Cloud<3>, pose: &Isometry3<f64>) -> f64 {
+        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - self.target.origin);
+        let near = |p: &Vector3<f64>| {
+            self.target.tree.nearest(&(r * p + t)).map_or(f64::INFINITY, |n| n.distance_sq)
+        };
         mean_kept(&mut cloud.points().iter().map(near).collect::<Vec<_>>(), self.params.keep)
+    }
+
+    /// A pose near `start` that fits the scouts better, by ICP over the grid, and its cost.
+    fn scout(&self, start: &Isometry3<f64>) -> (Isometry3<f64>, f64) {
+        let (mut r, mut t) = (start.rotation_matrix(), start.translation_vector() - self.coarse.origin);
+        let mut pairs: Vec<(Vector3<f64>, Vector3<f64>, f64)> = Vec::with_capacity(self.scouts.len());
+        let mut buffer = Vec::with_capacity(self.scouts.len());
+        let mut before = f64::INFINITY;
+        loop {
+            pairs.clear();
+            for p in &self.scouts {
+                let place = r * p + t;
+                let partner = self.grid.near(&place).copied().or_else(|| self.coarse_near(&place));
+                pairs.extend(partner.map(|q| (*p, q, (q - place).norm_squared())));
+            }
+            buffer.clear();
+            buffer.extend(pairs.iter().map(|pair| pair.2));
+            let cost = mean_kept(&mut buffer, self.params.keep);
+            let limit =
+                if self.params.keep < 1.0 { last_kept(&buffer, self.params.keep) } else { f64::INFINITY };
+            if cost >= SETTLED * before {
+                break (Isometry3::from_matrix(&r, &(t + self.coarse.origin)), cost);
+            }
+            before = cost;
+            let kept = pairs.iter().filter(|pair| pair.2 <= limit).map(|(p, q, _)| (*p, *q, 1.0));
+            (r, t) = rigid_fit::<3, 6, Isometry3<f64>>(kept).unwrap_or((r, t));
+        }
+    }
+
+    /// The distance to the nearest target point, twice.
+    #[inline]
+    fn exact_bounds(&self, place: &Vector3<f64>) -> (f64, f64) {
+        let distance = self.target.tree.nearest_from(place, 0).1.sqrt();
+        (distance, distance)
+    }
+
+    /// A lower bound of the distance to the nearest target point, and the distance to one.
+    #[inline]
+    fn coarse_bounds(&self, place: &Vector3<f64>) -> (f64, f64) {
+        let (low, high) = self.grid.bounds(place).unwrap_or_else(|| {
+            let distance = self.coarse.tree.nearest_from(place, 0).1.sqrt();
+            (distance, distance)
+        });
+        (low - self.cover, high)
+    }
+
+    fn coarse_near(&self, place: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let guess = 0;
+        Some(*self.coarse.tree.point_at(self.coarse.tree.nearest_from(place, guess).0 as usize))
     }
 
     /// Whether a pose is one of the modes already found.
@@ -328,17 +381,18 @@ impl Boxes for Search<'_> {
         let pose = self.pose(node);
         // far boxes are bounded by the coarse target, whose distances exceed the true ones by at most its cover
         let exact = chord * self.mean_radius + shift < 2.0 * self.cover;
-        let (target, slack) = if exact { (self.target, 0.0) } else { (&self.coarse, self.cover) };
-        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - target.origin);
+        let origin = if exact { self.target.origin } else { self.coarse.origin };
+        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - origin);
         let n = self.radii.len() as f64;
         let (mut sum, mut centre) = (0.0, 0.0);
         self.buffer.clear();
         for (point, radius) in self.drawn.points().iter().zip(&self.radii) {
-            let distance_sq = target.tree.nearest(&(r * point + t)).map_or(f64::INFINITY, |n| n.distance_sq);
-            let least = (distance_sq.sqrt() - slack - radius * chord - shift).max(0.0);
+            let place = r * point + t;
+            let (low, high) = if exact { self.exact_bounds(&place) } else { self.coarse_bounds(&place) };
+            let least = (low - radius * chord - shift).max(0.0);
+            centre += high * high;
             self.buffer.push(least * least);
             sum += least * least;
-            centre += distance_sq;
             if self.params.keep >= 1.0 && sum > cut * n {
                 return (sum / n, f64::INFINITY);
             }
@@ -355,12 +409,12 @@ impl Boxes for Search<'_> {
         if !((region.turned && region.half_angle >= POLISHED_HALF_ANGLE) || estimate < best) {
             return Ok(None);
         }
-        let scouted = self.coarse.align(&self.scouts, &self.pose(region), &self.scout)?.target_from_source;
-        if self.cost(&self.coarse, &self.scouts, &scouted) > PROMISING * best {
+        let (scouted, cost) = self.scout(&self.pose(region));
+        if cost > PROMISING * best {
             return Ok(None);
         }
         let pose = self.target.align(&self.drawn, &scouted, &self.polish)?.target_from_source;
-        if self.drawn.len() < self.all.len() && self.cost(self.target, &self.drawn, &pose) > 1.5 * best {
+        if self.drawn.len() < self.all.len() && self.cost(&self.drawn, &pose) > 1.5 * best {
             return Ok(None);
         }
         let pose = if self.drawn.len() < self.all.len() {
@@ -372,9 +426,14 @@ impl Boxes for Search<'_> {
         let turned = (self.start.rotation.inverse() * pose.rotation).log();
         let inside = moved.amax() <= self.params.translation
             && (self.params.rotation >= PI || turned.amax() <= self.params.rotation);
-        let cost = self.cost(self.target, self.all, &pose);
+        let cost = self.cost(self.all, &pose);
         Ok((inside && cost < best && !self.is_taken(&pose)).then_some((cost, pose)))
     }
+}
+
+/// The largest of the values [`mean_kept`] has just kept.
+fn last_kept(squares: &[f64], keep: f64) -> f64 {
+    squares[..kept_of(squares.len(), keep)].iter().copied().fold(0.0, f64::max)
 }
 
 /// The largest distance from a point of `target` to the nearest of `coarse`.

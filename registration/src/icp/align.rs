@@ -12,6 +12,7 @@ use crate::cloud::Cloud;
 use crate::kd_tree::KdTree;
 use crate::linalg::pseudo_solve;
 use crate::motion::RigidMotion;
+use crate::rigid_fit::rigid_fit;
 
 /// Information along a direction below this share of the largest is rounding and not followed.
 const RANK_TOLERANCE: f64 = 1e-11;
@@ -30,7 +31,6 @@ pub(crate) struct Problem<'a, const D: usize> {
     /// Source points about their mean.
     pub(crate) points: Vec<SVector<f64, D>>,
     pub(crate) normals: Option<&'a [SVector<f64, D>]>,
-    pub(crate) variances: Option<&'a [f64]>,
     covariances: Option<&'a [SMatrix<f64, D, D>]>,
     /// Mean of the source points.
     pub(crate) centre: SVector<f64, D>,
@@ -111,7 +111,6 @@ impl<'a, const D: usize> Problem<'a, D> {
             radius: if mean_sq > 0.0 { mean_sq.sqrt() } else { 1.0 },
             points,
             normals: if both { source.normals() } else { None },
-            variances: source.variances(),
             covariances: source.covariances(),
             centre,
             source_tree,
@@ -289,22 +288,13 @@ impl<'a, const D: usize> Problem<'a, D> {
         &self,
         pose: &Pose<D>,
     ) -> (Pose<D>, SVector<f64, N>) {
-        let (mut p_sum, mut q_sum, mut total) = (SVector::<f64, D>::zeros(), SVector::<f64, D>::zeros(), 0.0);
-        let mut cross = SMatrix::<f64, D, D>::zeros();
-        for pair in &self.kept {
+        let pairs = self.kept.iter().map(|pair| {
             let (p, q) = (self.points[pair.source as usize], self.target.tree.point_at(pair.target as usize));
-            let w = self.params.kernel.weight(pair.distance_sq);
-            p_sum += p * w;
-            q_sum += q * w;
-            cross += q * p.transpose() * w;
-            total += w;
-        }
-        if total <= 0.0 {
+            (p, *q, self.params.kernel.weight(pair.distance_sq))
+        });
+        let Some((rotation, translation)) = rigid_fit::<D, N, G>(pairs) else {
             return (*pose, SVector::zeros());
-        }
-        let (p_mean, q_mean) = (p_sum / total, q_sum / total);
-        let rotation = G::best_rotation(&(cross / total - q_mean * p_mean.transpose()));
-        let translation = q_mean - rotation * p_mean;
+        };
         let turn = G::from_matrix(&(rotation * pose.rotation.transpose()), &SVector::zeros()).log();
         let shift = translation - pose.translation;
         let step = SVector::from_fn(|i, _| if i < D { shift[i] } else { turn[i] });

@@ -2,6 +2,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::Covariance;
 use super::align::{Pose, Problem, moved};
+use super::normal_equations::{NormalEquations, Term};
 use super::params::Residual;
 use crate::DEGENERATE_SIGMA;
 use crate::linalg::symmetric_eigen;
@@ -12,11 +13,12 @@ use crate::motion::RigidMotion;
 const PROBE: f64 = 3.0;
 
 /// A direction is degenerate when its standard deviation exceeds this share of the probe step: moving that far
-/// then changes the score by less than three of its own deviations, so the scans do not show the motion.
-const DEGENERATE_SHARE: f64 = 1.0 / 3.0;
+/// then changes the score by less than five of its own deviations, so the scans do not show the motion.
+const DEGENERATE_SHARE: f64 = 1.0 / 5.0;
 
-/// Largest ratio of the noise to the residuals that is believed; beyond it the local fits are not noise.
-const MOST_SELECTION: f64 = 4.0;
+/// Bounds of the ratio of the local to the wide curvature along a direction that is fixed: outside them the local one
+/// is noise.
+const LOCAL_TO_WIDE: [f64; 2] = [0.05, 1.0];
 
 /// Source points that try each motion at most, evenly drawn; the rest would change the curvature by little.
 const MOST_PROBES: usize = 500;
@@ -35,6 +37,9 @@ struct Evidence<const N: usize> {
     /// Variance of the score `Σ w Jᵀ M e`.
     score_variance: SMatrix<f64, N, N>,
     sigma: f64,
+    /// Root mean square of the residuals that count, in metres.
+    step: f64,
+    /// Root mean square distance of the pairs, metres.
     rms: f64,
 }
 
@@ -42,18 +47,23 @@ pub(crate) fn estimate<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     problem: &Problem<'_, D>,
     pose: &Pose<D>,
 ) -> Uncertainty<N> {
-    let evidence = evidence::<D, N, G>(problem, pose);
+    let mut evidence = evidence::<D, N, G>(problem, pose);
     let to_body = body_from_scaled::<D, N, G>(problem, pose);
     let enough = problem.kept.len() * coordinates::<D>(problem.params.residual) > N;
     let mut answer = if !enough {
         unknown(&to_body, evidence.sigma)
     } else {
         let probe = (PROBE * evidence.rms).min(0.5 * problem.params.max_distance).max(1e-6 * problem.radius);
-        let curvature = match problem.params.covariance {
-            Covariance::Residual | Covariance::Spacing { .. } => evidence.h,
-            Covariance::Sandwich => curvature::<D, N, G>(problem, pose, probe),
+        let (wide, local) = match problem.params.covariance {
+            Covariance::Residual | Covariance::Spacing { .. } => (evidence.h, evidence.h),
+            Covariance::Sandwich => {
+                let step = evidence.step.clamp(1e-6 * problem.radius, probe);
+                let (local, offset) = local_curvature::<D, N, G>(problem, pose, step);
+                evidence.score_variance += offset * offset.transpose();
+                (wide_curvature::<D, N, G>(problem, pose, probe), local)
+            }
         };
-        combine(&evidence, &curvature, probe, problem, &to_body)
+        combine(&evidence, &wide, &local, probe, problem, &to_body)
     };
     if let Covariance::Spacing { scale, radius } = problem.params.covariance {
         answer.covariance = SMatrix::identity() * (scale * mean_square_within(problem, radius));
@@ -100,47 +110,36 @@ fn evidence<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     let squares: f64 = problem.kept.iter().map(|p| p.distance_sq).sum();
     Evidence {
         h: SMatrix::from_fn(|i, j| sum.h[(i, j)] / (scale[i] * scale[j])),
-        score_variance: variance
-            * (clusters / (clusters - N as f64).max(1.0))
-            * selection::<D, N, G>(problem, pose),
+        score_variance: variance * (clusters / (clusters - N as f64).max(1.0)),
         sigma: (sum.cost / freedom).sqrt(),
+        step: noise_metres::<D, N, G>(problem, pose, &sum),
         rms: (squares / problem.kept.len().max(1) as f64).sqrt(),
     }
 }
 
-/// By how much the score varies more than the residuals show, at least 1.
+/// Root mean square of the residuals that count, along the directions in which they count.
 ///
-/// Of several points about as near, the nearest is also the one whose error matches best, so residuals are
-/// smaller than two independent errors make them wherever points lie closer than the noise. The noise itself is
-/// known from how the neighbours of each point scatter about their line or plane. Residuals as seen give too small a
-/// variance; independent errors give too large a one, since choosing among neighbours also averages over them. The
-/// answer lies midway: in simulated rooms, where points lie apart, the two differ by a third; on piles drowned in
-/// noise, by a factor of four.
-fn selection<const D: usize, const N: usize, G: RigidMotion<D, N>>(
+/// A residual in standard deviations is turned into metres by the mean size of its metric.
+fn noise_metres<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     problem: &Problem<'_, D>,
     pose: &Pose<D>,
+    sum: &NormalEquations<N>,
 ) -> f64 {
-    // medians of chi-square over its degrees of freedom: 1 for a residual, about 12 for two local fits
-    const RESIDUAL_MEDIAN: f64 = 0.455;
-    const NOISE_MEDIAN: f64 = 0.945;
-    let (Some(of_source), Some(of_target)) = (problem.variances, &problem.target.variances) else {
-        return 1.0;
+    let along = match problem.params.residual {
+        // only the direction across the planes has weight to speak of
+        Residual::PointToPlane | Residual::Symmetric | Residual::PlaneToPlane => 1.0,
+        Residual::PointToPoint | Residual::Mahalanobis => D as f64,
     };
-    let along = matches!(problem.params.residual, Residual::PointToPoint | Residual::Mahalanobis);
-    if along || problem.kept.is_empty() {
-        return 1.0;
+    let mean_square = sum.cost / (sum.weight * along).max(f64::MIN_POSITIVE);
+    if problem.params.residual != Residual::Mahalanobis {
+        return mean_square.sqrt();
     }
-    let noise = |p: &super::association::Pair| of_source[p.source as usize] + of_target[p.target as usize];
-    let expected = median(problem.kept.iter().map(noise)) / NOISE_MEDIAN;
-    let seen = median(problem.kept.iter().map(|p| problem.term::<N, G>(p, pose).cost())) / RESIDUAL_MEDIAN;
-    let ratio = if seen > 0.0 { (expected / seen).clamp(1.0, MOST_SELECTION) } else { 1.0 };
-    0.5 * (1.0 + ratio)
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    let size = |pair| match problem.term::<N, G>(pair, pose) {
+        Term::Block { metric, .. } => metric.trace() / D as f64,
+        Term::Scalar { .. } => 1.0,
+    };
+    let mean = problem.kept.iter().map(size).sum::<f64>() / problem.kept.len().max(1) as f64;
+    if mean > 0.0 { (mean_square / mean).sqrt() } else { 0.0 }
 }
 
 fn score<const D: usize, const N: usize, G: RigidMotion<D, N>>(
@@ -152,6 +151,59 @@ fn score<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     term.score::<G>() * problem.params.kernel.weight(term.cost())
 }
 
+/// How the score falls with a motion as small as the noise: every pair is chosen, rejected and weighted afresh.
+///
+/// The error of the pose is far smaller than the noise of a point, so this is the slope on which it settles. It is less
+/// steep than `JᵀJ` makes it (by a quarter where points lie five times as far apart as they are noisy, by half at
+/// twice), since a scan that moves across a wall finds partners whose own errors are on that side, and loses the
+/// others to trimming.
+///
+/// With it comes the mean score over these motions: where it is not zero, the answer has stopped at one of the many
+/// places where the score, jumping as pairs change, happens to vanish, and not where it does on the whole.
+fn local_curvature<const D: usize, const N: usize, G: RigidMotion<D, N>>(
+    problem: &Problem<'_, D>,
+    pose: &Pose<D>,
+    step: f64,
+) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
+    let stride = problem.matched.len().div_ceil(MOST_PROBES).max(1);
+    let (mut moved_pairs, mut kept, mut buffer) = (Vec::new(), Vec::new(), Vec::new());
+    let tried = problem.matched.len().div_ceil(stride).max(1);
+    let share = problem.matched.len() as f64 / tried as f64;
+    let (slope, mean) = central_differences::<D, N, G>(problem, pose, step, |there| {
+        moved_pairs.clear();
+        let found = problem.matched.iter().step_by(stride).filter_map(|p| problem.nearest_pair(p, there));
+        moved_pairs.extend(found);
+        problem.reject(there, &moved_pairs, &mut kept, &mut buffer);
+        kept.iter().map(|pair| score::<D, N, G>(problem, there, pair)).sum()
+    });
+    (slope * share, mean * share)
+}
+
+/// The negative slope of a score over steps of so many metres both ways along each axis, made symmetric, and its mean,
+/// in metres.
+fn central_differences<const D: usize, const N: usize, G: RigidMotion<D, N>>(
+    problem: &Problem<'_, D>,
+    pose: &Pose<D>,
+    metres: f64,
+    mut score_at: impl FnMut(&Pose<D>) -> SVector<f64, N>,
+) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
+    let scale = problem.scale::<N>();
+    let mut slope = SMatrix::<f64, N, N>::zeros();
+    let mut sum = SVector::<f64, N>::zeros();
+    for k in 0..N {
+        let mut column = SVector::<f64, N>::zeros();
+        for sign in [-1.0, 1.0] {
+            let mut step = SVector::<f64, N>::zeros();
+            step[k] = sign * metres / scale[k];
+            let score = score_at(&moved::<D, N, G>(pose, &step)).component_div(&scale);
+            column -= score * sign;
+            sum += score;
+        }
+        slope.set_column(k, &(column / (2.0 * metres)));
+    }
+    ((slope + slope.transpose()) * 0.5, sum / (2 * N) as f64)
+}
+
 /// How the score falls with a motion, by central differences over `probe` metres with the points free to change
 /// partners.
 ///
@@ -159,12 +211,11 @@ fn score<const D: usize, const N: usize, G: RigidMotion<D, N>>(
 /// residual or noise in the normals has a part along the wall; here the motion itself is tried. Points keep the
 /// weight they have at the answer, since the probe is longer than a kernel's scale; the kernel's slope there
 /// enters by its mean.
-fn curvature<const D: usize, const N: usize, G: RigidMotion<D, N>>(
+fn wide_curvature<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     problem: &Problem<'_, D>,
     pose: &Pose<D>,
     probe: f64,
 ) -> SMatrix<f64, N, N> {
-    let scale = problem.scale::<N>();
     let kernel = problem.params.kernel;
     let (mut total, mut slope) = (0.0, 0.0);
     let mut weighted = Vec::with_capacity(problem.kept.len());
@@ -177,36 +228,30 @@ fn curvature<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     }
     let shrink = if total > 0.0 { (slope / total).clamp(0.1, 1.0) } else { 1.0 };
     let stride = weighted.len().div_ceil(MOST_PROBES).max(1);
-    let mut curvature = SMatrix::<f64, N, N>::zeros();
-    for k in 0..N {
-        let mut column = SVector::<f64, N>::zeros();
-        for sign in [-1.0, 1.0] {
-            let mut step = SVector::<f64, N>::zeros();
-            step[k] = sign * probe / scale[k];
-            let there = moved::<D, N, G>(pose, &step);
-            let mut score = SVector::<f64, N>::zeros();
-            for (pair, weight) in weighted.iter().step_by(stride).filter(|(_, w)| *w > 0.0) {
-                let Some(pair) = problem.nearest_pair(pair, &there) else { continue };
-                score += problem.term::<N, G>(&pair, &there).score::<G>() * *weight;
-            }
-            column -= score.component_div(&scale) * sign;
+    let (curvature, _) = central_differences::<D, N, G>(problem, pose, probe, |there| {
+        let mut score = SVector::<f64, N>::zeros();
+        for (pair, weight) in weighted.iter().step_by(stride).filter(|(_, w)| *w > 0.0) {
+            let Some(pair) = problem.nearest_pair(pair, there) else { continue };
+            score += problem.term::<N, G>(&pair, there).score::<G>() * *weight;
         }
-        curvature.set_column(k, &(column / (2.0 * probe)));
-    }
+        score
+    });
     let drawn: f64 = weighted.iter().step_by(stride).map(|(_, weight)| weight).sum();
     let share = if drawn > 0.0 { total / drawn } else { 0.0 };
-    (curvature + curvature.transpose()) * (0.5 * shrink * share)
+    curvature * (shrink * share)
 }
 
-/// `K⁻¹ A K⁻¹` with curvature `K` and score variance `A`, without the directions it cannot speak of.
+/// `K⁻¹ A K⁻¹` with the local curvature `K` and score variance `A`, without the directions of which the wide curvature
+/// says that nothing fixes them.
 fn combine<const D: usize, const N: usize>(
     evidence: &Evidence<N>,
-    curvature: &SMatrix<f64, N, N>,
+    wide: &SMatrix<f64, N, N>,
+    local: &SMatrix<f64, N, N>,
     probe: f64,
     problem: &Problem<'_, D>,
     to_body: &SMatrix<f64, N, N>,
 ) -> Uncertainty<N> {
-    let (values, vectors) = symmetric_eigen(curvature);
+    let (values, vectors) = symmetric_eigen(wide);
     // exact data has no residual; a floor keeps the information finite
     let floor = (1e-9 * problem.radius).powi(2);
     let variance = match problem.params.covariance {
@@ -214,7 +259,8 @@ fn combine<const D: usize, const N: usize>(
         _ => evidence.h * evidence.sigma.powi(2).max(floor),
     };
     let limit = DEGENERATE_SHARE * probe;
-    let mut inverse = SMatrix::<f64, N, N>::zeros();
+    // columns that turn the wide curvature into the identity where a direction is fixed
+    let mut whiten = SMatrix::<f64, N, N>::zeros();
     let mut covariance = SMatrix::<f64, N, N>::zeros();
     let mut degenerate_directions = Vec::new();
     for k in 0..N {
@@ -222,12 +268,18 @@ fn combine<const D: usize, const N: usize>(
         let deviation = (v.transpose() * variance * v)[0].max(0.0).sqrt();
         let fixed = values[k] > 1e-9 * values[N - 1] && deviation < limit * values[k];
         if fixed && values[N - 1] > 0.0 {
-            inverse += v * v.transpose() / values[k];
+            whiten.set_column(k, &(v / values[k].sqrt()));
         } else {
             let direction = to_body * v;
             covariance += direction * direction.transpose() * (DEGENERATE_SIGMA * DEGENERATE_SIGMA);
             degenerate_directions.push(direction.normalize());
         }
+    }
+    let (ratios, axes) = symmetric_eigen(&(whiten.transpose() * local * whiten));
+    let mut inverse = SMatrix::<f64, N, N>::zeros();
+    for (ratio, axis) in ratios.iter().zip(axes.column_iter()) {
+        let direction = whiten * axis;
+        inverse += direction * direction.transpose() / ratio.clamp(LOCAL_TO_WIDE[0], LOCAL_TO_WIDE[1]);
     }
     let scaled = inverse * variance * inverse;
     let mut information = SMatrix::<f64, N, N>::zeros();

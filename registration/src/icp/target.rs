@@ -16,8 +16,6 @@ pub struct Target<const D: usize> {
     pub(crate) tree: KdTree<D>,
     /// Normals in tree order.
     pub(crate) normals: Option<Vec<SVector<f64, D>>>,
-    /// Noise variances across the surface in tree order.
-    pub(crate) variances: Option<Vec<f64>>,
     /// Covariances of the points in tree order.
     pub(crate) covariances: Option<Vec<SMatrix<f64, D, D>>>,
 }
@@ -50,9 +48,8 @@ impl<const D: usize> Target<D> {
         let (origin, centred) = centre(cloud.points());
         let tree = KdTree::new(&centred)?;
         let normals = cloud.normals().map(|n| tree.order().iter().map(|&i| n[i as usize]).collect());
-        let variances = cloud.variances().map(|v| tree.order().iter().map(|&i| v[i as usize]).collect());
         let covariances = cloud.covariances().map(|c| tree.order().iter().map(|&i| c[i as usize]).collect());
-        Ok(Self { origin, tree, normals, variances, covariances })
+        Ok(Self { origin, tree, normals, covariances })
     }
 
     /// Number of points.
