@@ -57,7 +57,10 @@ fn said(id: RobotId, step: u64) -> Vec<Vec<u8>> {
 }
 
 /// Lets robot `id` of three do `steps` steps; returns what it heard in each and whom it no longer waits for.
-fn walk(network: Poor, id: RobotId, steps: u64) -> (Vec<Vec<Vec<u8>>>, Vec<RobotId>) {
+/// What a robot heard, step by step, and whom it gave up on.
+type Walk = (Vec<Vec<Vec<u8>>>, Vec<RobotId>);
+
+fn walk(network: Poor, id: RobotId, steps: u64) -> Walk {
     let patience = Patience {
         start: Duration::from_secs(60),
         step: Duration::from_secs(if steps < 20 { 60 } else { 5 }),
@@ -73,7 +76,7 @@ fn walk(network: Poor, id: RobotId, steps: u64) -> (Vec<Vec<Vec<u8>>>, Vec<Robot
     (heard, lock.absent().collect())
 }
 
-fn team(steps: [u64; 3]) -> Vec<(Vec<Vec<Vec<u8>>>, Vec<RobotId>)> {
+fn team(steps: [u64; 3]) -> Vec<Walk> {
     let walks: Vec<_> = mesh(3)
         .into_iter()
         .zip(0..)
