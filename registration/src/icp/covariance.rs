@@ -36,6 +36,8 @@ struct Evidence<const N: usize> {
     h: SMatrix<f64, N, N>,
     /// Variance of the score `Σ w Jᵀ M e`.
     score_variance: SMatrix<f64, N, N>,
+    /// What a score that is not zero on the whole adds to it.
+    offset: SMatrix<f64, N, N>,
     sigma: f64,
     /// Root mean square of the residuals that count, in metres.
     step: f64,
@@ -59,7 +61,7 @@ pub(crate) fn estimate<const D: usize, const N: usize, G: RigidMotion<D, N>>(
             Covariance::Sandwich => {
                 let step = evidence.step.clamp(1e-6 * problem.radius, probe);
                 let (local, offset) = local_curvature::<D, N, G>(problem, pose, step);
-                evidence.score_variance += offset * offset.transpose();
+                evidence.offset = offset * offset.transpose();
                 (wide_curvature::<D, N, G>(problem, pose, probe), local)
             }
         };
@@ -111,6 +113,7 @@ fn evidence<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     Evidence {
         h: SMatrix::from_fn(|i, j| sum.h[(i, j)] / (scale[i] * scale[j])),
         score_variance: variance * (clusters / (clusters - N as f64).max(1.0)),
+        offset: SMatrix::zeros(),
         sigma: (sum.cost / freedom).sqrt(),
         step: noise_metres::<D, N, G>(problem, pose, &sum),
         rms: (squares / problem.kept.len().max(1) as f64).sqrt(),
@@ -281,7 +284,7 @@ fn combine<const D: usize, const N: usize>(
         let direction = whiten * axis;
         inverse += direction * direction.transpose() / ratio.clamp(LOCAL_TO_WIDE[0], LOCAL_TO_WIDE[1]);
     }
-    let scaled = inverse * variance * inverse;
+    let scaled = inverse * (variance + evidence.offset) * inverse;
     let mut information = SMatrix::<f64, N, N>::zeros();
     if let Some(from_body) = to_body.try_inverse() {
         let (spread, axes) = symmetric_eigen(&scaled);
