@@ -127,7 +127,9 @@ struct Run {
 }
 
 fn main() -> ExitCode {
-    tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(tracing::Level::WARN).init();
+    let log = tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(tracing::Level::WARN);
+    // plain: what a program says is read by people and by other programs
+    log.with_ansi(false).init();
     let result = match Cli::parse().command {
         Command::Run(arguments) => run(&arguments),
         Command::Robot(arguments) => robot::fly(&arguments),

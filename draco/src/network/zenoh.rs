@@ -67,8 +67,10 @@ fn config(listen: &[String], connect: &[String]) -> Result<Config, Error> {
         ("mode", "\"peer\"".to_owned()),
         ("listen/endpoints", list(listen)),
         ("connect/endpoints", list(connect)),
-        ("connect/retry/period_init_ms", "100".into()),
-        ("connect/retry/period_max_ms", "1000".into()),
+        (
+            "connect/retry",
+            r#"{ period_init_ms: 100, period_max_ms: 1000, period_increase_factor: 2 }"#.into(),
+        ),
         ("scouting/multicast/enabled", "false".into()),
         ("scouting/gossip/enabled", "false".into()),
     ] {
