@@ -145,6 +145,10 @@ fn main() -> ExitCode {
 }
 
 fn experiment(arguments: &RunExperiment) -> anyhow::Result<()> {
+    if let Some(folder) = &arguments.out {
+        // before hours of work, not after
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot write to {}", folder.display()))?;
+    }
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
     bar.enable_steady_tick(Duration::from_millis(200));
     let progress = |part: &str| bar.set_message(part.to_owned());

@@ -1,7 +1,9 @@
 //! What a run leaves behind is whole, true to the run, and safe to open.
 
 use draco::evaluate::Decision;
-use draco::report::{ClosureReport, KeyframeRef, RobotReport, RunReport, Traffic, write_run};
+use draco::report::{
+    ClosureReport, KeyframeRef, RobotReport, RunReport, Traffic, check_output_folder, write_run,
+};
 use nalgebra::{Isometry2, Point2, Vector2};
 
 fn pose(x: f64, y: f64, theta: f64) -> Isometry2<f64> {
@@ -151,8 +153,10 @@ fn a_file_in_the_way_is_an_error_and_leaves_nothing() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let file = folder.path().join("file");
     std::fs::write(&file, "mine").expect("write");
+    assert!(check_output_folder(&file.join("out")).is_err());
     assert!(write_run(&run(), &file.join("out")).is_err());
     assert!(write_run(&run(), &file).is_err());
+    assert!(check_output_folder(&folder.path().join("out")).is_ok());
     assert_eq!(std::fs::read_to_string(&file).expect("there"), "mine");
     assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 1);
 }

@@ -24,16 +24,21 @@ pub fn write_run(report: &RunReport, dir: &Path) -> Result<(), Error> {
     written
 }
 
-/// Whether [`write_run`] may put its result at `dir`: where nothing is, in an empty folder, or in place of the result of
-/// an earlier run with no other files in it.
+/// Whether [`write_run`] may and can put its result at `dir`: where nothing is, in an empty folder, or in place of the
+/// result of an earlier run with no other files in it. Ask before a long mission; makes the folders above `dir`.
 ///
 /// # Errors
-/// [`Error::OutputFolder`] that says what is in the way.
+/// [`Error::OutputFolder`] that says what is in the way, [`Error::Io`] where nothing can be written.
 pub fn check_output_folder(dir: &Path) -> Result<(), Error> {
-    let refuse = |reason: String| Err(Error::OutputFolder { path: dir.to_path_buf(), reason });
-    if !dir.exists() {
-        return Ok(());
+    if dir.exists() {
+        check_content(dir)?;
     }
+    let trial = beside(dir, "partial")?;
+    fs::remove_dir(&trial).map_err(io(&trial))
+}
+
+fn check_content(dir: &Path) -> Result<(), Error> {
+    let refuse = |reason: String| Err(Error::OutputFolder { path: dir.to_path_buf(), reason });
     if !dir.is_dir() {
         return refuse("is not a folder".into());
     }
