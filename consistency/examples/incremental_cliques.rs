@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 fn main() -> anyhow::Result<()> {
-    println!("CPU time; shortest of three runs, the hardest row of one");
+    println!("CPU time; shortest of three runs, of one for the hardest row");
     println!(
         "planted of 1000  joined  largest  batch ms  all inserts ms  ratio  99th percentile us  slowest us"
     );
@@ -38,24 +38,27 @@ fn row(share: usize, inner: f64, seed: u64, runs: usize) -> anyhow::Result<()> {
     let arrivals: Vec<Vec<usize>> =
         (0..graph.len()).map(|v| graph.neighbors(v).filter(|&u| u < v).collect()).collect();
     let (mut batch_ms, mut largest) = (f64::INFINITY, 0);
-    let (mut total_ms, mut micros) = (f64::INFINITY, Vec::new());
+    let (mut total_ms, mut micros) = (f64::INFINITY, vec![f64::INFINITY; arrivals.len()]);
     for _ in 0..runs {
         let start = ProcessTime::now();
         let batch = clique::maximum(&graph, &Budget::UNLIMITED);
         batch_ms = batch_ms.min(milliseconds(start));
         largest = batch.value;
 
+        // Looking at the clock costs a good part of a step, so the whole is timed by itself.
         let mut cliques = Incremental::new(Budget::UNLIMITED);
-        let mut steps = Vec::with_capacity(graph.len());
+        let start = ProcessTime::now();
         for near in &arrivals {
+            cliques.insert(near)?;
+        }
+        total_ms = total_ms.min(milliseconds(start));
+        anyhow::ensure!(cliques.best().value == batch.value && cliques.best().optimal);
+
+        let mut cliques = Incremental::new(Budget::UNLIMITED);
+        for (best, near) in micros.iter_mut().zip(&arrivals) {
             let start = ProcessTime::now();
             cliques.insert(near)?;
-            steps.push(milliseconds(start) * 1e3);
-        }
-        anyhow::ensure!(cliques.best().value == batch.value && cliques.best().optimal);
-        let sum = steps.iter().sum::<f64>() / 1e3;
-        if sum < total_ms {
-            (total_ms, micros) = (sum, steps);
+            *best = best.min(milliseconds(start) * 1e3);
         }
     }
     micros.sort_by(f64::total_cmp);

@@ -62,3 +62,14 @@ fn near_cliques_are_the_same_on_any_number_of_threads() {
         });
     }
 }
+
+#[test]
+fn near_cliques_that_are_split_into_parts_are_the_same_on_any_number_of_threads() {
+    for seed in 0..2 {
+        let params = PlantedParams { vertices: 320, planted: 300, inner: 0.98, outer: 0.1 };
+        let graph = planted(&params, &mut rng(seed)).unwrap().graph;
+        // More nodes than a search that is not split may have.
+        assert!(clique::maximum(&graph, &Budget::UNLIMITED).nodes > 2000, "seed {seed}");
+        same(&format!("seed {seed}"), || clique::maximum(&graph, &Budget::UNLIMITED).vertices);
+    }
+}

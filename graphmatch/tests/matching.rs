@@ -205,6 +205,39 @@ fn rows_of_pilings_go_on_beyond_the_maps() {
     assert!(right >= 96, "{right} of {trials} right");
 }
 
+/// Both maps cover one area of 25 m; four of the ten objects of each are the same.
+#[test]
+fn four_of_ten_in_common_are_found_or_doubted() {
+    use rand_distr::{Distribution, Normal};
+    let noise = Normal::new(0.0, 0.2).unwrap();
+    let truth = Isometry2::new(Vector2::new(12.0, -7.0), 2.5);
+    let params = ConsensusParams::default();
+    let (trials, mut right, mut trusted_wrongly) = (400, 0, 0);
+    for seed in 0..trials {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let places1 = scatter(10, seed);
+        let common = &places1[..4];
+        let others = scatter(10, 1_000_000 + seed).into_iter();
+        let free = others.filter(|p| common.iter().all(|q| (p - q).norm() >= 3.0));
+        let places2: Vec<_> = common.iter().copied().chain(free.take(6)).collect();
+        let mut map2 = seen_from(&objects(&places2, 2), &truth, 0.0, 0);
+        for o in &mut map2 {
+            o.centroid += Vector2::new(noise.sample(&mut rng), noise.sample(&mut rng));
+        }
+        let found = consensus(&objects(&places1, 1), &map2, &NoSimilarity, &params).unwrap();
+        let off =
+            |p: &Point2<f64>, t: &Isometry2<f64>| (t * truth.inverse_transform_point(p) - p).norm_squared();
+        let is_right = found
+            .map1_from_map2
+            .is_some_and(|t| (common.iter().map(|p| off(p, t.mean())).sum::<f64>() / 4.0).sqrt() < 1.0);
+        right += u64::from(is_right);
+        trusted_wrongly += u64::from(!is_right && found.verdict == Verdict::Unique);
+    }
+    // Measured on 2,400 other problems: 0.96 and 0.007, each with a standard deviation below 0.01 in 400.
+    assert!(right * 100 >= trials * 93, "{right} of {trials} right");
+    assert!(trusted_wrongly * 100 <= trials * 2, "{trusted_wrongly} of {trials} wrong but Unique");
+}
+
 #[test]
 fn covariance_of_the_transform_matches_repeated_noise() {
     use rand_distr::{Distribution, Normal};

@@ -2,19 +2,23 @@
 //!
 //! Without arguments: a ring of poses, from a good and a wound start, and the staircase out of the valley.
 //! `certify FILE.g2o...`: each file's certified optimum of the chordal objective from the chordal start, one JSON line
-//! each, with the CPU time of the search for it, of the certificate, of the chordal start and of a Gauss-Newton
-//! iteration. `certify --random SEED FILE.g2o...`: the staircase from poses drawn at random instead, and where descent
+//! each, with CPU times, the best of some runs each on a graph just read: the search for the optimum; a Gauss-Newton
+//! iteration (an eighth of what nine take longer than one) and the first, which has to order and analyse; the chordal
+//! start alone, and what it adds to the solver's first iteration after it, which takes its order over; the certificate
+//! alone, and after the solver, whose order it takes over. `..._iterations`: the latter in Gauss-Newton iterations. `certify --random SEED FILE.g2o...`: the staircase from poses drawn at random instead, and where descent
 //! alone ends from there.
 
 use draco_pgo::io::g2o::{self, AnyGraph};
 use draco_pgo::{
-    ChordalPose, Error, Kernel, Key, Method, PoseGraph, PoseGraph2, SolveParams, StaircaseParams, Start,
-    certify, chordal, chordal_objective, solve, staircase,
+    ChordalPose, Error, Kernel, Key, Method, PoseGraph, PoseGraph2, PoseGraph3, SolveParams, StaircaseParams,
+    Start, certify, chordal, chordal_objective, solve, staircase,
 };
 use nalgebra::{Isometry2, Matrix3, SVector, Vector2};
 use rand::{RngExt, SeedableRng};
 
 const POSES: u64 = 20;
+/// Runs of which the fastest counts.
+const RUNS: usize = 15;
 
 fn main() -> Result<(), Error> {
     let mut files: Vec<String> = std::env::args().skip(1).collect();
@@ -25,13 +29,27 @@ fn main() -> Result<(), Error> {
     };
     for file in &files {
         match (g2o::read(file)?, seed) {
-            (AnyGraph::Two(graph), None) => measure(graph, file)?,
-            (AnyGraph::Three(graph), None) => measure(graph, file)?,
+            (AnyGraph::Two(_), None) => measure(|| planar(file), file)?,
+            (AnyGraph::Three(_), None) => measure(|| spatial(file), file)?,
             (AnyGraph::Two(graph), Some(seed)) => climb(graph, file, seed)?,
             (AnyGraph::Three(graph), Some(seed)) => climb(graph, file, seed)?,
         }
     }
     if files.is_empty() { rings() } else { Ok(()) }
+}
+
+fn planar(file: &str) -> Result<PoseGraph2, Error> {
+    match g2o::read(file)? {
+        AnyGraph::Two(graph) => Ok(graph),
+        AnyGraph::Three(_) => Err(Error::EmptyGraph),
+    }
+}
+
+fn spatial(file: &str) -> Result<PoseGraph3, Error> {
+    match g2o::read(file)? {
+        AnyGraph::Three(graph) => Ok(graph),
+        AnyGraph::Two(_) => Err(Error::EmptyGraph),
+    }
 }
 
 fn rings() -> Result<(), Error> {
@@ -49,26 +67,23 @@ fn rings() -> Result<(), Error> {
     report("chordal", &graph)
 }
 
-/// Best of some runs, in milliseconds of CPU time.
-fn time(mut run: impl FnMut() -> Result<(), Error>) -> Result<f64, Error> {
-    let mut best = f64::INFINITY;
-    for _ in 0..7 {
-        let start = cpu_ms();
-        run()?;
-        best = best.min(cpu_ms() - start);
-    }
-    Ok(best)
+/// CPU time of a run on `at`, in milliseconds.
+fn time<S>(mut at: S, run: impl FnOnce(&mut S) -> Result<(), Error>) -> Result<f64, Error> {
+    let start = cpu_ms();
+    run(&mut at)?;
+    Ok(cpu_ms() - start)
 }
 
-fn measure<const N: usize, G: ChordalPose<N>>(mut graph: PoseGraph<G, N>, file: &str) -> Result<(), Error> {
-    let mut start = graph.clone();
-    let chordal_ms = time(|| chordal(&mut start))?;
-    chordal(&mut graph)?;
+/// Every graph that `read` gives is one of which nothing is known, not even the order of elimination.
+fn measure<const N: usize, G: ChordalPose<N>>(
+    read: impl Fn() -> Result<PoseGraph<G, N>, Error>,
+    file: &str,
+) -> Result<(), Error> {
+    let mut relaxed = read()?;
+    chordal(&mut relaxed)?;
     let begin = cpu_ms();
-    let found = staircase(&graph, &StaircaseParams::default())?;
+    let found = staircase(&relaxed, &StaircaseParams::default())?;
     let search_ms = cpu_ms() - begin;
-    graph.update(&found.solution);
-    let certify_ms = time(|| certify(&graph).map(drop))?;
     let steps = |count| SolveParams {
         method: Method::GaussNewton,
         start: Start::Given,
@@ -77,19 +92,43 @@ fn measure<const N: usize, G: ChordalPose<N>>(mut graph: PoseGraph<G, N>, file: 
         absolute_tolerance: 0.0,
         ..SolveParams::default()
     };
-    let (one, nine) =
-        (time(|| solve(&start, &steps(1)).map(drop))?, time(|| solve(&start, &steps(9)).map(drop))?);
-    let certificate = found.certificate;
+    let place = |at: &PoseGraph<G, N>| {
+        let mut graph = read()?;
+        at.poses().try_for_each(|(key, pose)| graph.set_pose(key, *pose))?;
+        Ok(graph)
+    };
+    let iterate = |graph: &PoseGraph<G, N>, count| solve(graph, &steps(count)).map(drop);
+    let both = |graph: &mut PoseGraph<G, N>| chordal(graph).and_then(|()| iterate(graph, 1));
+    let [mut one, mut nine, mut relaxed_one, mut relax_ms] = [f64::INFINITY; 4];
+    for _ in 0..RUNS {
+        // in turns, since differences are of interest
+        one = one.min(time(place(&relaxed)?, |graph| iterate(graph, 1))?);
+        relaxed_one = relaxed_one.min(time(read()?, both)?);
+        nine = nine.min(time(place(&relaxed)?, |graph| iterate(graph, 9))?);
+        relax_ms = relax_ms.min(time(read()?, |graph| chordal(graph))?);
+    }
+    let mut best = relaxed.clone();
+    best.update(&found.solution);
+    let [mut certify_ms, mut certify_alone_ms] = [f64::INFINITY; 2];
+    for _ in 0..RUNS {
+        let solved = place(&best)?;
+        iterate(&solved, 1)?;
+        certify_ms = certify_ms.min(time(solved, |graph| certify(graph).map(drop))?);
+        certify_alone_ms = certify_alone_ms.min(time(place(&best)?, |graph| certify(graph).map(drop))?);
+    }
+    let (certificate, iteration_ms, chordal_ms) = (found.certificate, (nine - one) / 8.0, relaxed_one - one);
     println!(
         "{{\"file\":{file:?},\"objective\":{},\"slack\":{},\"gap\":{},\"rank\":{},\"steps\":{},\
-         \"search_ms\":{search_ms:.1},\"certify_ms\":{certify_ms:.2},\"chordal_ms\":{chordal_ms:.2},\"first_iteration_ms\":{one:.2},\
-         \"iteration_ms\":{:.2}}}",
+         \"search_ms\":{search_ms:.1},\"iteration_ms\":{iteration_ms:.3},\"first_iteration_ms\":{one:.3},\
+         \"chordal_alone_ms\":{relax_ms:.3},\"chordal_ms\":{chordal_ms:.3},\"chordal_iterations\":{:.2},\
+         \"certify_alone_ms\":{certify_alone_ms:.3},\"certify_ms\":{certify_ms:.3},\"certify_iterations\":{:.2}}}",
         certificate.objective,
         certificate.slack.map_or("null".into(), |x| format!("{x:e}")),
         certificate.gap.map_or("null".into(), |x| format!("{x:e}")),
         found.rank,
         found.solution.iterations,
-        (nine - one) / 8.0,
+        chordal_ms / iteration_ms,
+        certify_ms / iteration_ms,
     );
     Ok(())
 }

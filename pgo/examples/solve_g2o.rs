@@ -12,7 +12,8 @@ const USAGE: &str = "usage: solve_g2o [--init file|odometry|chordal] [--method g
 
 One JSON line a file: file nodes edges init method iterations initial_chi2 final_chi2 termination init_ms
 cpu_ms wall_ms, where chi2 = 1/2 sum e' W e with e the SE(d) log (under the kernel, if any). init_ms is the CPU
-time of the initialisation, cpu_ms that of the solver with ordering, without initialisation and file reading.
+time of the initialisation, cpu_ms that of the solver without initialisation and file reading; ordering counts where it
+is done, in init_ms for --init chordal, else in cpu_ms.
 --write stores each solution as DIR/<file name>. Default: --init file --method lm. From any start the solver turns to
 the chordal one by itself when the first step shows that the start is bad; restarted tells so.";
 

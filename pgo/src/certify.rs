@@ -4,7 +4,8 @@ use draco_lie::LieGroup;
 use nalgebra::{SMatrix, SVector};
 
 use crate::chordal::{ChordalPose, Edge};
-use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
+use crate::pattern::{Elimination, Pattern};
+use crate::sparse::{BlockMatrix, Cholesky};
 use crate::staircase::lifted::Lifted;
 use crate::{CustomFactor, Error, Kernel, Key, PoseGraph};
 
@@ -30,7 +31,9 @@ pub struct Certificate {
 /// Optimise [`chordal_objective`] first: the minimum of the graph's own cost is another point. Fixed poses,
 /// priors, kernels and user-defined factors are not looked at.
 ///
-/// Costs one to seven factorisations with blocks one wider than the dimension of space.
+/// Costs one to seven factorisations with blocks one wider than the dimension of space, in the elimination order that
+/// [`crate::solve()`] or [`crate::chordal()`] left in the graph, else one of its own: where the first slack does, little
+/// more than one Gauss-Newton iteration and the order.
 ///
 /// **Source**: Rosen, Carlone, Bandeira, Leonard, *SE-Sync: A certifiably correct algorithm for synchronization
 /// over the special Euclidean group*, 2019; Carlone, Rosen, Calafiore, Leonard, Dellaert, *Lagrangian duality in
@@ -120,8 +123,9 @@ impl<const D: usize> ChordalFactor<D> {
 pub(crate) fn certify_parts<const D: usize, const M: usize>(
     edges: &[Edge<D>],
     poses: &[Parts<D>],
+    elimination: &Elimination,
 ) -> Certificate {
-    certify_parts_with(&mut Dual::<D, M>::new(edges, poses.len()), edges, poses)
+    certify_parts_with(&mut Dual::<D, M>::new(edges, poses.len(), elimination), edges, poses)
 }
 
 /// The same with the matrix of the objective given, which is lost.
@@ -160,33 +164,19 @@ const LEAST_SLACK: f64 = 1e-8;
 const PRECONDITIONER_SHIFT: f64 = 1e-9;
 
 impl<const D: usize, const M: usize> Dual<D, M> {
-    pub(crate) fn new(edges: &[Edge<D>], nodes: usize) -> Self {
+    pub(crate) fn new(edges: &[Edge<D>], nodes: usize, elimination: &Elimination) -> Self {
+        let (pattern, places) = Pattern::new(vec![false; nodes], edges.iter().map(|edge| edge.slots));
         let zero = SMatrix::<f64, M, M>::zeros();
-        let mut sorted: Vec<(u32, u32, u32)> = Vec::with_capacity(edges.len());
-        for (index, edge) in edges.iter().enumerate() {
-            let [i, j] = edge.slots;
-            sorted.push((i.max(j), i.min(j), index as u32));
-        }
-        sorted.sort_unstable();
-        let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(edges.len());
         let mut objective =
-            BlockMatrix { diagonal: vec![zero; nodes], off_diagonal: Vec::with_capacity(edges.len()) };
+            BlockMatrix { diagonal: vec![zero; nodes], off_diagonal: vec![zero; pattern.pairs.len()] };
         let mut group: Vec<u32> = (0..nodes as u32).collect();
-        for (row, column, index) in sorted {
-            let edge = &edges[index as usize];
+        for (edge, place) in edges.iter().zip(places) {
             let [i, j] = edge.slots;
             crate::graph::union(&mut group, i, j);
             let (at_i, at_j, mixed) = connection::<D, M>(edge);
             objective.diagonal[i as usize] += at_i;
             objective.diagonal[j as usize] += at_j;
-            let mixed = if j > i { mixed } else { mixed.transpose() };
-            match objective.off_diagonal.last_mut() {
-                Some(block) if pairs.last() == Some(&(row, column)) => *block += mixed,
-                _ => {
-                    pairs.push((row, column));
-                    objective.off_diagonal.push(mixed);
-                }
-            }
+            objective.off_diagonal[place as usize] += if j > i { mixed } else { mixed.transpose() };
         }
         let mut pins = vec![SVector::zeros(); nodes];
         for node in 0..nodes as u32 {
@@ -194,9 +184,13 @@ impl<const D: usize, const M: usize> Dual<D, M> {
                 pins[node as usize][D] = 1.0 + objective.diagonal[node as usize][(D, D)];
             }
         }
-        let symbolic = Arc::new(Symbolic::new(nodes, &pairs, M));
-        let cholesky = Cholesky::<M>::new(symbolic, &pairs);
-        Self { shift: pins.clone(), pairs, objective, cholesky, pins }
+        let cholesky = Cholesky::<M>::new(elimination.symbolic(&pattern, M), &pattern.pairs);
+        Self { shift: pins.clone(), pairs: pattern.pairs, objective, cholesky, pins }
+    }
+
+    /// The order of elimination.
+    pub(crate) fn order(&self) -> &[u32] {
+        &self.cholesky.symbolic().order
     }
 
     pub(crate) fn nodes(&self) -> usize {

@@ -7,6 +7,7 @@ use nalgebra::{Translation, UnitComplex, UnitQuaternion};
 use crate::certify::{Certificate, Parts, certify_parts, factors, parts2, parts3};
 use crate::key_table::KeyTable;
 use crate::nearest_rotation::nearest_rotation;
+use crate::pattern::{HELD, Pattern};
 use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
 use crate::staircase::{StaircaseParams, StaircaseSolution, climb};
 use crate::{CustomFactor, Error, Measurement, PoseGraph};
@@ -40,8 +41,10 @@ pub trait ChordalPose<const N: usize>: LieGroup<N> {
 /// there, else the part's first pose stays where it is. Poses on no relative pose stay, too. Kernels and
 /// user-defined factors are not looked at: outliers spoil this start.
 ///
-/// Costs a factorisation with blocks of the rotations' dimension and one with scalar entries, both on one
-/// ordering: less than one Gauss-Newton iteration.
+/// Costs a factorisation with blocks of the rotations' dimension and one with scalar entries, both on one analysis of
+/// one elimination order: about one Gauss-Newton iteration, and the order when the graph has none yet. The graph keeps
+/// the order, so that [`crate::solve()`], [`crate::Marginals`] and [`crate::certify()`] do not look for one again while
+/// the same poses are joined.
 ///
 /// **Source**: Martinec, Pajdla, *Robust Rotation and Translation Estimation in Multiview Reconstruction*, 2007;
 /// Carlone, Tron, Daniilidis, Dellaert, *Initialization Techniques for 3D SLAM*, 2015. Weights as in Rosen,
@@ -62,9 +65,11 @@ impl ChordalPose<3> for Isometry2<f64> {
         let edges = edges2(graph)?;
         let start: Vec<Start<2>> = starts(graph, &edges, parts2);
         let project = |m: &Matrix2<f64>| {
-            // the nearest rotation has the angle of the sums of the entries
-            let angle = (m.m21 - m.m12).atan2(m.m11 + m.m22);
-            Rotation2::new(angle).into_inner()
+            // the nearest rotation has the direction of the sums of the entries
+            let (cosine, sine) = (m.m11 + m.m22, m.m21 - m.m12);
+            let norm = cosine.hypot(sine);
+            let (c, s) = if norm > 0.0 { (cosine / norm, sine / norm) } else { (1.0, 0.0) };
+            Matrix2::new(c, -s, s, c)
         };
         let relaxed = relax(graph, &edges, &start, project)?;
         Ok(relaxed.iter().map(pose2).collect())
@@ -76,7 +81,7 @@ impl ChordalPose<3> for Isometry2<f64> {
 
     fn certify(graph: &PoseGraph<Self, 3>) -> Result<Certificate, Error> {
         let poses: Vec<Parts<2>> = graph.poses.iter().map(parts2).collect();
-        Ok(certify_parts::<2, 3>(&edges2(graph)?, &poses))
+        Ok(certify_parts::<2, 3>(&edges2(graph)?, &poses, &graph.elimination))
     }
 
     fn staircase(
@@ -84,7 +89,7 @@ impl ChordalPose<3> for Isometry2<f64> {
         params: &StaircaseParams,
     ) -> Result<StaircaseSolution<Self>, Error> {
         let (edges, start) = (edges2(graph)?, graph.poses.iter().map(parts2).collect::<Vec<_>>());
-        let climb = climb::<2, 3, 3>(&edges, &start, params)
+        let climb = climb::<2, 3, 3>(&edges, &start, params, &graph.elimination)
             .map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?;
         let poses = climb.poses.iter().map(pose2).collect();
         Ok(climb.into_solution(graph, &edges, poses))
@@ -105,7 +110,7 @@ impl ChordalPose<6> for Isometry3<f64> {
 
     fn certify(graph: &PoseGraph<Self, 6>) -> Result<Certificate, Error> {
         let poses: Vec<Parts<3>> = graph.poses.iter().map(parts3).collect();
-        Ok(certify_parts::<3, 4>(&edges3(graph)?, &poses))
+        Ok(certify_parts::<3, 4>(&edges3(graph)?, &poses, &graph.elimination))
     }
 
     fn staircase(
@@ -113,7 +118,7 @@ impl ChordalPose<6> for Isometry3<f64> {
         params: &StaircaseParams,
     ) -> Result<StaircaseSolution<Self>, Error> {
         let (edges, start) = (edges3(graph)?, graph.poses.iter().map(parts3).collect::<Vec<_>>());
-        let climb = climb::<3, 4, 6>(&edges, &start, params)
+        let climb = climb::<3, 4, 6>(&edges, &start, params, &graph.elimination)
             .map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?;
         let poses = climb.poses.iter().map(pose3).collect();
         Ok(climb.into_solution(graph, &edges, poses))
@@ -152,7 +157,26 @@ fn edges3(graph: &PoseGraph<Isometry3<f64>, 6>) -> Result<Vec<Edge<3>>, Error> {
 
 /// `D / tr(Ω⁻¹)`: the isotropic information with the same total variance.
 fn harmonic<const D: usize>(information: &SMatrix<f64, D, D>) -> f64 {
-    information.cholesky().map_or(0.0, |c| D as f64 / c.inverse().trace())
+    let (mut l, mut inverse) = (*information, SMatrix::<f64, D, D>::zeros());
+    let mut trace = 0.0;
+    for c in 0..D {
+        let pivot = l[(c, c)] - (0..c).map(|k| l[(c, k)] * l[(c, k)]).sum::<f64>();
+        if pivot.is_nan() || pivot <= 0.0 {
+            return 0.0;
+        }
+        let root = pivot.sqrt();
+        for r in c + 1..D {
+            l[(r, c)] = (l[(r, c)] - (0..c).map(|k| l[(r, k)] * l[(c, k)]).sum::<f64>()) / root;
+        }
+        // row `c` of `L⁻¹`; with `Ω = L Lᵀ` the trace of the inverse is the sum of its squares
+        for k in 0..=c {
+            let own = if k == c { 1.0 } else { 0.0 };
+            let value = (own - (k..c).map(|i| l[(c, i)] * inverse[(i, k)]).sum::<f64>()) / root;
+            inverse[(c, k)] = value;
+            trace += value * value;
+        }
+    }
+    D as f64 / trace
 }
 
 /// A relative pose as the chordal objective sees it.
@@ -245,149 +269,113 @@ fn relax<const N: usize, const D: usize, G: LieGroup<N>>(
     start: &[Start<D>],
     project: impl Fn(&SMatrix<f64, D, D>) -> SMatrix<f64, D, D>,
 ) -> Result<Relaxed<D>, Error> {
-    let pattern = Layout::new(edges, start);
+    let (pattern, pairs) = Pattern::new(start.iter().map(|s| s.held), edges.iter().map(|edge| edge.slots));
     let mut poses: Relaxed<D> = start.iter().map(|s| (s.rotation, s.translation)).collect();
     if pattern.slots.is_empty() {
         return Ok(poses);
     }
-    let symbolic = Arc::new(Symbolic::new(pattern.slots.len(), &pattern.pairs, N));
+    let system =
+        System { edges, pattern: &pattern, pairs, symbolic: graph.elimination.symbolic(&pattern, N) };
     let failed = |c: usize| Error::Indefinite { key: graph.keys[pattern.slots[c] as usize] };
-    for (slot, y) in pattern.slots.iter().zip(rotations(&pattern, edges, start, &symbolic).map_err(failed)?) {
+    for (slot, y) in pattern.slots.iter().zip(system.rotations(&poses).map_err(failed)?) {
         poses[*slot as usize].0 = project(&y.transpose());
     }
-    let found = translations(&pattern, edges, &poses, &symbolic).map_err(failed)?;
-    for (slot, t) in pattern.slots.iter().zip(found) {
+    for (slot, t) in pattern.slots.iter().zip(system.translations(&poses).map_err(failed)?) {
         poses[*slot as usize].1 = t;
     }
     Ok(poses)
 }
 
-/// Numbering of the free poses and of the pairs that edges join.
-struct Layout {
-    columns: Vec<u32>,
-    slots: Vec<u32>,
-    pairs: Vec<(u32, u32)>,
-    /// Pair of each edge, where both ends are free.
-    pair_of: Vec<Option<u32>>,
+/// The two linear problems of the relaxation.
+struct System<'a, const D: usize> {
+    edges: &'a [Edge<D>],
+    pattern: &'a Pattern,
+    /// Off-diagonal block of each edge, or [`HELD`].
+    pairs: Vec<u32>,
+    /// Serves both, though their blocks differ in size.
+    symbolic: Arc<Symbolic>,
 }
 
-impl Layout {
-    fn new<const D: usize>(edges: &[Edge<D>], start: &[Start<D>]) -> Self {
-        let slots: Vec<u32> =
-            start.iter().enumerate().filter(|(_, s)| !s.held).map(|(i, _)| i as u32).collect();
-        let mut columns = vec![u32::MAX; start.len()];
-        for (column, slot) in slots.iter().enumerate() {
-            columns[*slot as usize] = column as u32;
-        }
-        let mut wanted: Vec<(u64, u32)> = Vec::with_capacity(edges.len());
-        for (index, edge) in edges.iter().enumerate() {
-            let [a, b] = edge.slots.map(|s| columns[s as usize]);
-            if a != u32::MAX && b != u32::MAX {
-                wanted.push(((u64::from(a.max(b)) << 32) | u64::from(a.min(b)), index as u32));
+impl<const D: usize> System<'_, D> {
+    /// Least squares on `Y_i = R_iᵀ`: minimises `Σ κ |Y_j - R_ijᵀ Y_i|²`.
+    fn rotations(&self, poses: &Relaxed<D>) -> Result<Vec<SMatrix<f64, D, D>>, usize> {
+        let Self { edges, pattern, pairs, symbolic } = self;
+        let n = pattern.slots.len();
+        let zero = SMatrix::<f64, D, D>::zeros();
+        let mut hessian =
+            BlockMatrix { diagonal: vec![zero; n], off_diagonal: vec![zero; pattern.pairs.len()] };
+        let mut rhs = vec![zero; n];
+        for (edge, pair) in edges.iter().zip(pairs) {
+            let [i, j] = edge.slots;
+            let (column_i, column_j) = (pattern.column(i), pattern.column(j));
+            let weighted = edge.rotation * edge.kappa;
+            for column in [column_i, column_j].into_iter().flatten() {
+                hessian.diagonal[column] += SMatrix::identity() * edge.kappa;
+            }
+            match (column_i, column_j, pair) {
+                (Some(ci), Some(cj), pair) => {
+                    // the stored block has the larger column as its row
+                    hessian.off_diagonal[*pair as usize] -=
+                        if cj > ci { weighted.transpose() } else { weighted };
+                }
+                (Some(ci), None, _) => rhs[ci] += weighted * poses[j as usize].0.transpose(),
+                (None, Some(cj), _) => {
+                    rhs[cj] += weighted.transpose() * poses[i as usize].0.transpose();
+                }
+                _ => {}
             }
         }
-        wanted.sort_unstable();
-        let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(wanted.len());
-        let mut pair_of = vec![None; edges.len()];
-        for (code, index) in wanted {
-            let pair = ((code >> 32) as u32, code as u32);
-            if pairs.last() != Some(&pair) {
-                pairs.push(pair);
+        let mut cholesky = Cholesky::<D>::new(symbolic.clone(), &pattern.pairs);
+        cholesky.factor(&hessian, None)?;
+        let mut column = vec![SVector::<f64, D>::zeros(); n];
+        // in the plane all blocks are multiples of rotations, so the second column is the first one turned
+        for c in 0..if D == 2 { 1 } else { D } {
+            for (x, block) in column.iter_mut().zip(&rhs) {
+                *x = block.column(c).into_owned();
             }
-            pair_of[index as usize] = Some(pairs.len() as u32 - 1);
+            cholesky.solve(&mut column);
+            for (x, block) in column.iter().zip(&mut rhs) {
+                block.set_column(c, x);
+            }
         }
-        Self { columns, slots, pairs, pair_of }
+        if D == 2 {
+            for block in &mut rhs {
+                (block[(0, 1)], block[(1, 1)]) = (-block[(1, 0)], block[(0, 0)]);
+            }
+        }
+        Ok(rhs)
     }
 
-    /// Column of a free pose.
-    fn column(&self, slot: u32) -> Option<usize> {
-        Some(self.columns[slot as usize]).filter(|c| *c != u32::MAX).map(|c| c as usize)
-    }
-}
-
-/// Least squares on `Y_i = R_iᵀ`: minimises `Σ κ |Y_j - R_ijᵀ Y_i|²`.
-fn rotations<const D: usize>(
-    layout: &Layout,
-    edges: &[Edge<D>],
-    start: &[Start<D>],
-    symbolic: &Arc<Symbolic>,
-) -> Result<Vec<SMatrix<f64, D, D>>, usize> {
-    let n = layout.slots.len();
-    let zero = SMatrix::<f64, D, D>::zeros();
-    let mut hessian = BlockMatrix { diagonal: vec![zero; n], off_diagonal: vec![zero; layout.pairs.len()] };
-    let mut rhs = vec![zero; n];
-    for (edge, pair) in edges.iter().zip(&layout.pair_of) {
-        let [i, j] = edge.slots;
-        let (column_i, column_j) = (layout.column(i), layout.column(j));
-        let weighted = edge.rotation * edge.kappa;
-        for column in [column_i, column_j].into_iter().flatten() {
-            hessian.diagonal[column] += SMatrix::identity() * edge.kappa;
-        }
-        match (column_i, column_j, pair) {
-            (Some(ci), Some(cj), Some(pair)) => {
-                // the stored block has the larger column as its row
-                hessian.off_diagonal[*pair as usize] -= if cj > ci { weighted.transpose() } else { weighted };
+    /// Least squares on translations with rotations given: minimises `Σ τ |t_j - t_i - R_i t_ij|²`.
+    fn translations(&self, poses: &Relaxed<D>) -> Result<Vec<SVector<f64, D>>, usize> {
+        let Self { edges, pattern, pairs, symbolic } = self;
+        let n = pattern.slots.len();
+        let zero = SMatrix::<f64, 1, 1>::zeros();
+        let mut hessian =
+            BlockMatrix { diagonal: vec![zero; n], off_diagonal: vec![zero; pattern.pairs.len()] };
+        let mut rhs = vec![SVector::<f64, D>::zeros(); n];
+        for (edge, pair) in edges.iter().zip(pairs) {
+            let [i, j] = edge.slots;
+            let (column_i, column_j) = (pattern.column(i), pattern.column(j));
+            let (rotation_i, translation_i) = &poses[i as usize];
+            let step = rotation_i * edge.translation;
+            if let Some(ci) = column_i {
+                hessian.diagonal[ci][0] += edge.tau;
+                let other = if column_j.is_none() { poses[j as usize].1 } else { SVector::zeros() };
+                rhs[ci] += (other - step) * edge.tau;
             }
-            (Some(ci), None, _) => rhs[ci] += weighted * start[j as usize].rotation.transpose(),
-            (None, Some(cj), _) => {
-                rhs[cj] += weighted.transpose() * start[i as usize].rotation.transpose();
+            if let Some(cj) = column_j {
+                hessian.diagonal[cj][0] += edge.tau;
+                let other = if column_i.is_none() { *translation_i } else { SVector::zeros() };
+                rhs[cj] += (other + step) * edge.tau;
             }
-            _ => {}
+            if *pair != HELD {
+                hessian.off_diagonal[*pair as usize][0] -= edge.tau;
+            }
         }
+        let mut cholesky = Cholesky::<1>::new(symbolic.clone(), &pattern.pairs);
+        cholesky.factor(&hessian, None)?;
+        cholesky.solve_together(&mut rhs);
+        Ok(rhs)
     }
-    let mut cholesky = Cholesky::<D>::new(symbolic.clone(), &layout.pairs);
-    cholesky.factor(&hessian, None)?;
-    let mut column = vec![SVector::<f64, D>::zeros(); n];
-    // in the plane all blocks are multiples of rotations, so the second column is the first one turned
-    for c in 0..if D == 2 { 1 } else { D } {
-        for (x, block) in column.iter_mut().zip(&rhs) {
-            *x = block.column(c).into_owned();
-        }
-        cholesky.solve(&mut column);
-        for (x, block) in column.iter().zip(&mut rhs) {
-            block.set_column(c, x);
-        }
-    }
-    if D == 2 {
-        for block in &mut rhs {
-            (block[(0, 1)], block[(1, 1)]) = (-block[(1, 0)], block[(0, 0)]);
-        }
-    }
-    Ok(rhs)
-}
-
-/// Least squares on translations with rotations given: minimises `Σ τ |t_j - t_i - R_i t_ij|²`.
-fn translations<const D: usize>(
-    layout: &Layout,
-    edges: &[Edge<D>],
-    poses: &Relaxed<D>,
-    symbolic: &Arc<Symbolic>,
-) -> Result<Vec<SVector<f64, D>>, usize> {
-    let n = layout.slots.len();
-    let zero = SMatrix::<f64, 1, 1>::zeros();
-    let mut hessian = BlockMatrix { diagonal: vec![zero; n], off_diagonal: vec![zero; layout.pairs.len()] };
-    let mut rhs = vec![SVector::<f64, D>::zeros(); n];
-    for (edge, pair) in edges.iter().zip(&layout.pair_of) {
-        let [i, j] = edge.slots;
-        let (column_i, column_j) = (layout.column(i), layout.column(j));
-        let (rotation_i, translation_i) = &poses[i as usize];
-        let step = rotation_i * edge.translation;
-        if let Some(ci) = column_i {
-            hessian.diagonal[ci][0] += edge.tau;
-            let other = if column_j.is_none() { poses[j as usize].1 } else { SVector::zeros() };
-            rhs[ci] += (other - step) * edge.tau;
-        }
-        if let Some(cj) = column_j {
-            hessian.diagonal[cj][0] += edge.tau;
-            let other = if column_i.is_none() { *translation_i } else { SVector::zeros() };
-            rhs[cj] += (other + step) * edge.tau;
-        }
-        if let Some(pair) = pair {
-            hessian.off_diagonal[*pair as usize][0] -= edge.tau;
-        }
-    }
-    let mut cholesky = Cholesky::<1>::new(symbolic.clone(), &layout.pairs);
-    cholesky.factor(&hessian, None)?;
-    cholesky.solve_together(&mut rhs);
-    Ok(rhs)
 }

@@ -4,7 +4,8 @@ use draco_lie::LieGroup;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use crate::graph::{find, union};
-use crate::problem::{HELD, Problem};
+use crate::pattern::HELD;
+use crate::problem::Problem;
 use crate::{Error, Factor, FactorId, Gauge, Key, PoseGraph};
 
 /// The quadratic model of a cost by a few poses, with what lies between them at its best.
@@ -113,7 +114,7 @@ pub(crate) fn eliminate<const N: usize, G: LieGroup<N>>(
     }
     let side = keys.len() * N;
     let mut model = Model { information: DMatrix::zeros(side, side), gradient: DVector::zeros(side), keys };
-    for (column, slot) in all.slots.iter().enumerate() {
+    for (column, slot) in all.pattern.slots.iter().enumerate() {
         let at = place[*slot as usize];
         if at != HELD {
             let at = at as usize * N;
@@ -122,9 +123,9 @@ pub(crate) fn eliminate<const N: usize, G: LieGroup<N>>(
         }
     }
     let mut mixed: Vec<Vec<Mixed<N>>> = vec![Vec::new(); model.keys.len()];
-    for (block, (row, column)) in all.hessian.off_diagonal.iter().zip(&all.pairs) {
-        let slots = [*row, *column].map(|c| all.slots[c as usize] as usize);
-        let columns = slots.map(|s| inner.columns[s]);
+    for (block, (row, column)) in all.hessian.off_diagonal.iter().zip(&all.pattern.pairs) {
+        let slots = [*row, *column].map(|c| all.pattern.slots[c as usize] as usize);
+        let columns = slots.map(|s| inner.pattern.columns[s]);
         match slots.map(|s| place[s]) {
             [HELD, HELD] => {}
             [HELD, at] if columns[0] != HELD => mixed[at as usize].push((columns[0] as usize, *block)),
@@ -152,10 +153,10 @@ fn subtract<const N: usize, G: LieGroup<N>>(
     mixed: &[Vec<Mixed<N>>],
     model: &mut Model,
 ) -> Result<(), Error> {
-    let mut cholesky = inner.cholesky();
+    let mut cholesky = inner.cholesky(&graph.elimination);
     cholesky
         .factor(&inner.hessian, None)
-        .map_err(|c| Error::Indefinite { key: graph.keys[inner.slots[c] as usize] })?;
+        .map_err(|c| Error::Indefinite { key: graph.keys[inner.pattern.slots[c] as usize] })?;
     let zero = SVector::<f64, N>::zeros();
     let touching = |x: &[SVector<f64, N>], other: usize| -> SVector<f64, N> {
         mixed[other].iter().fold(zero, |sum, (at, block)| sum + block.tr_mul(&x[*at]))

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use draco_lie::LieGroup;
 use nalgebra::{Cholesky, Const, DVector, Isometry2, Isometry3, SMatrix};
 
+use crate::pattern::Elimination;
 use crate::{CustomFactor, Error, Factor, FactorId, Kernel, Key, Measurement};
 
 /// A pose graph: poses with a first guess, and factors that say what was measured.
@@ -19,6 +20,7 @@ pub struct PoseGraph<G, const N: usize> {
     /// Shared with copies of the graph and with solvers.
     pub(crate) factors: Vec<Option<Arc<Factor<G, N>>>>,
     live_factors: usize,
+    pub(crate) elimination: Elimination,
 }
 
 /// A pose graph in the plane.
@@ -51,6 +53,7 @@ impl<const N: usize, G: LieGroup<N>> PoseGraph<G, N> {
             slots: BTreeMap::new(),
             factors: Vec::new(),
             live_factors: 0,
+            elimination: Elimination::default(),
         }
     }
 

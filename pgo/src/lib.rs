@@ -23,6 +23,7 @@ mod marginals;
 mod max_mixture;
 mod nearest_rotation;
 mod optimizer;
+mod pattern;
 mod problem;
 mod quadratic;
 mod solve;

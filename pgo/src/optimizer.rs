@@ -81,7 +81,7 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
         let mut progress = Progress::default();
         while outcome.iterations < self.params.max_iterations {
             outcome.iterations += 1;
-            let predicted = self.solve_step(0.0).map_err(|c| self.problem.slots[c] as usize)?;
+            let predicted = self.solve_step(0.0).map_err(|c| self.problem.pattern.slots[c] as usize)?;
             self.apply(&poses);
             std::mem::swap(&mut poses, &mut self.trial);
             let mut next = self.problem.linearise(&poses);
@@ -166,7 +166,7 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
         let mut steepest = self.step.clone();
         while outcome.iterations < self.params.max_iterations {
             outcome.iterations += 1;
-            self.solve_step(0.0).map_err(|c| self.problem.slots[c] as usize)?;
+            self.solve_step(0.0).map_err(|c| self.problem.pattern.slots[c] as usize)?;
             full.copy_from_slice(&self.step);
             self.cauchy_point(&mut steepest);
             let (mut predicted, mut gain, mut first_quality) = (0.0, f64::NAN, None);
@@ -241,7 +241,7 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
             *d = -g.component_div(&h.diagonal());
             slope -= d.dot(g);
         }
-        let curvature = problem.hessian.quadratic(&problem.pairs, point);
+        let curvature = problem.hessian.quadratic(&problem.pattern.pairs, point);
         point.iter_mut().for_each(|d| *d *= slope / curvature);
     }
 
@@ -273,7 +273,7 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
 
     fn predicted_gain(&self) -> f64 {
         let linear: f64 = self.step.iter().zip(&self.problem.gradient).map(|(x, g)| x.dot(g)).sum();
-        -linear - 0.5 * self.problem.hessian.quadratic(&self.problem.pairs, &self.step)
+        -linear - 0.5 * self.problem.hessian.quadratic(&self.problem.pattern.pairs, &self.step)
     }
 
     /// Solves `(H + λ diag H) step = -gradient` and returns the gain of cost the model predicts.
@@ -305,7 +305,7 @@ impl<'a, const N: usize, G: LieGroup<N>> Optimizer<'a, G, N> {
 
     /// `trial = poses ⊞ step`.
     fn apply(&mut self, poses: &[G]) {
-        for (step, slot) in self.step.iter().zip(&self.problem.slots) {
+        for (step, slot) in self.step.iter().zip(&self.problem.pattern.slots) {
             let slot = *slot as usize;
             self.trial[slot] = poses[slot].plus(step).renormalize();
         }

@@ -5,19 +5,9 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::key_table::KeyTable;
 use crate::linearise::{BetweenModel, between_model, prior_model, quadratic};
-use crate::sparse::{BlockMatrix, Cholesky, Symbolic};
+use crate::pattern::{Elimination, HELD, Pattern};
+use crate::sparse::{BlockMatrix, Cholesky};
 use crate::{CustomFactor, Error, Factor, FactorId, Kernel, Key, Measurement, PoseGraph};
-
-/// Column of a pose that does not move.
-pub(crate) const HELD: u32 = u32::MAX;
-
-/// Where the off-diagonal block of two columns is kept.
-#[derive(Debug, Clone, Copy)]
-struct Pair {
-    index: u32,
-    /// Whether the stored block is the transpose of (row of the first, column of the second).
-    transpose: bool,
-}
 
 #[derive(Debug, Clone)]
 struct Between<G, const N: usize> {
@@ -25,7 +15,8 @@ struct Between<G, const N: usize> {
     slots: [u32; 2],
     /// Multiplies the cost; 1 but for graduated non-convexity.
     scale: f64,
-    pair: Pair,
+    /// Index of the off-diagonal block, or [`HELD`]; its row is that of the larger column.
+    pair: u32,
     /// The graph's own factor, a relative pose.
     factor: Arc<Factor<G, N>>,
 }
@@ -65,8 +56,8 @@ struct Prior<G, const N: usize> {
 #[derive(Debug, Clone)]
 struct Custom<G, const N: usize> {
     slots: Vec<u32>,
-    /// One entry per pair of positions `(i, j)`, `i < j`, in lexicographic order.
-    pairs: Vec<Pair>,
+    /// Index of the off-diagonal block of each pair of positions `(i, j)`, `i < j`, in lexicographic order, or [`HELD`].
+    pairs: Vec<u32>,
     kernel: Kernel,
     factor: Arc<dyn CustomFactor<G, N>>,
     /// Memory for the poses, the residual, and the Jacobians by each pose, row-major.
@@ -76,6 +67,25 @@ struct Custom<G, const N: usize> {
 }
 
 impl<const N: usize, G: LieGroup<N>> Custom<G, N> {
+    fn new(slots: Vec<u32>, kernel: Kernel, factor: &Arc<dyn CustomFactor<G, N>>) -> Self {
+        let (m, k) = (factor.dimension(), slots.len());
+        Self {
+            slots,
+            pairs: vec![HELD; k * (k - 1) / 2],
+            kernel,
+            factor: factor.clone(),
+            at: Vec::with_capacity(k),
+            residual: vec![0.0; m],
+            jacobians: vec![vec![0.0; m * N]; k],
+        }
+    }
+
+    /// Its pairs of slots, in the order of [`Custom::pairs`].
+    fn joints(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        let slots = &self.slots;
+        slots.iter().enumerate().flat_map(move |(i, a)| slots[i + 1..].iter().map(move |b| [*a, *b]))
+    }
+
     /// Evaluates the residual; returns its squared norm.
     fn evaluate(&mut self, poses: &[G]) -> f64 {
         self.at.clear();
@@ -90,12 +100,8 @@ impl<const N: usize, G: LieGroup<N>> Custom<G, N> {
 /// the Hessian and gradient they sum into. No Jacobian matrix is ever formed.
 #[derive(Debug, Clone)]
 pub(crate) struct Problem<G, const N: usize> {
-    /// Block column of each slot of the graph, or [`HELD`].
-    pub(crate) columns: Vec<u32>,
-    /// Slot of each block column.
-    pub(crate) slots: Vec<u32>,
-    /// Off-diagonal blocks of the Hessian as (row, column).
-    pub(crate) pairs: Vec<(u32, u32)>,
+    /// Where the blocks of the Hessian stand.
+    pub(crate) pattern: Pattern,
     pub(crate) hessian: BlockMatrix<N>,
     pub(crate) gradient: Vec<SVector<f64, N>>,
     betweens: Vec<Between<G, N>>,
@@ -109,106 +115,50 @@ pub(crate) struct Problem<G, const N: usize> {
 impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
     /// Lays out the graph; poses that are fixed or in `held` do not move.
     pub(crate) fn new(graph: &PoseGraph<G, N>, held: &[Key]) -> Result<Self, Error> {
-        let mut columns = vec![0; graph.keys.len()];
-        for (column, fixed) in columns.iter_mut().zip(&graph.fixed) {
-            *column = if *fixed { HELD } else { 0 };
-        }
+        let mut stays = graph.fixed.clone();
         for key in held {
-            columns[graph.slot(*key)?] = HELD;
+            stays[graph.slot(*key)?] = true;
         }
-        let mut slots = Vec::with_capacity(columns.len());
-        for (slot, column) in columns.iter_mut().enumerate().filter(|(_, c)| **c != HELD) {
-            *column = slots.len() as u32;
-            slots.push(slot as u32);
-        }
-        let mut problem = Self {
-            columns,
-            slots,
-            pairs: Vec::new(),
-            hessian: BlockMatrix { diagonal: Vec::new(), off_diagonal: Vec::new() },
-            gradient: Vec::new(),
-            betweens: Vec::with_capacity(graph.factor_count()),
-            priors: Vec::new(),
-            customs: Vec::new(),
-            #[cfg(feature = "rayon")]
-            models: Vec::new(),
-        };
-        problem.take_factors(graph)?;
-        problem.number_pairs();
-        let (n, zero) = (problem.slots.len(), SMatrix::zeros());
-        problem.hessian =
-            BlockMatrix { diagonal: vec![zero; n], off_diagonal: vec![zero; problem.pairs.len()] };
-        problem.gradient = vec![SVector::zeros(); n];
-        Ok(problem)
-    }
-
-    fn take_factors(&mut self, graph: &PoseGraph<G, N>) -> Result<(), Error> {
-        let unset = Pair { index: HELD, transpose: false };
+        let (mut betweens, mut priors, mut customs) =
+            (Vec::with_capacity(graph.factor_count()), Vec::new(), Vec::new());
         let slots = KeyTable::new(graph);
         for (id, factor) in graph.shared_factors() {
             let (information, kernel) = (factor.information, factor.kernel);
             match &factor.measurement {
                 Measurement::Prior { key, measured } => {
                     let slot = slots.slot(*key)?;
-                    self.priors.push(Prior { slot, kernel, measured: *measured, information });
+                    priors.push(Prior { slot, kernel, measured: *measured, information });
                 }
                 Measurement::Between { from, to, .. } => {
                     let slots = [slots.slot(*from)?, slots.slot(*to)?];
                     let factor = factor.clone();
-                    self.betweens.push(Between { id, slots, scale: 1.0, pair: unset, factor });
+                    betweens.push(Between { id, slots, scale: 1.0, pair: HELD, factor });
                 }
                 Measurement::Custom(custom) => {
                     let keys = custom.keys();
                     let slots = keys.iter().map(|k| slots.slot(*k)).collect::<Result<Vec<u32>, Error>>()?;
-                    let pairs = vec![unset; slots.len() * (slots.len() - 1) / 2];
-                    let (m, k) = (custom.dimension(), slots.len());
-                    self.customs.push(Custom {
-                        slots,
-                        pairs,
-                        kernel,
-                        factor: custom.clone(),
-                        at: Vec::with_capacity(k),
-                        residual: vec![0.0; m],
-                        jacobians: vec![vec![0.0; m * N]; k],
-                    });
+                    customs.push(Custom::new(slots, kernel, custom));
                 }
             }
         }
-        Ok(())
-    }
-
-    /// Numbers the pairs of columns that some factor joins, each once, sorted.
-    fn number_pairs(&mut self) {
-        let Self { columns, betweens, customs, pairs, .. } = self;
-        let mut wanted: Vec<(u64, &mut Pair)> = Vec::with_capacity(betweens.len());
-        let mut want = |a: u32, b: u32, pair| {
-            let (a, b) = (columns[a as usize], columns[b as usize]);
-            if a != HELD && b != HELD {
-                let code = (u64::from(a.max(b)) << 32) | u64::from(a.min(b));
-                wanted.push((code, pair));
-                wanted.last_mut().into_iter().for_each(|(_, pair)| pair.transpose = a < b);
-            }
-        };
-        for factor in betweens {
-            want(factor.slots[0], factor.slots[1], &mut factor.pair);
+        let joints = betweens.iter().map(|f| f.slots).chain(customs.iter().flat_map(Custom::joints));
+        let (pattern, places) = Pattern::new(stays, joints);
+        let mut places = places.into_iter();
+        let targets = betweens.iter_mut().map(|f| &mut f.pair);
+        for (pair, place) in targets.chain(customs.iter_mut().flat_map(|f| &mut f.pairs)).zip(&mut places) {
+            *pair = place;
         }
-        for factor in customs {
-            let mut list = factor.pairs.iter_mut();
-            for (i, a) in factor.slots.iter().enumerate() {
-                for b in &factor.slots[i + 1..] {
-                    list.by_ref().take(1).for_each(|pair| want(*a, *b, pair));
-                }
-            }
-        }
-        wanted.sort_unstable_by_key(|(code, _)| *code);
-        let mut last = None;
-        for (code, pair) in wanted {
-            if last != Some(code) {
-                pairs.push(((code >> 32) as u32, code as u32));
-                last = Some(code);
-            }
-            pair.index = pairs.len() as u32 - 1;
-        }
+        let (n, zero) = (pattern.slots.len(), SMatrix::zeros());
+        Ok(Self {
+            hessian: BlockMatrix { diagonal: vec![zero; n], off_diagonal: vec![zero; pattern.pairs.len()] },
+            gradient: vec![SVector::zeros(); n],
+            pattern,
+            betweens,
+            priors,
+            customs,
+            #[cfg(feature = "rayon")]
+            models: Vec::new(),
+        })
     }
 
     /// The relative poses in the order they are kept.
@@ -223,12 +173,12 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
 
     /// Number of free poses.
     pub(crate) fn free(&self) -> usize {
-        self.slots.len()
+        self.pattern.slots.len()
     }
 
-    /// Orders and analyses the Hessian, and makes room for its factor.
-    pub(crate) fn cholesky(&self) -> Cholesky<N> {
-        Cholesky::new(Arc::new(Symbolic::new(self.free(), &self.pairs, N)), &self.pairs)
+    /// Makes room for the factor of the Hessian, in the order that `elimination` knows or finds.
+    pub(crate) fn cholesky(&self, elimination: &Elimination) -> Cholesky<N> {
+        Cholesky::new(elimination.symbolic(&self.pattern, N), &self.pattern.pairs)
     }
 
     /// The cost `½ Σ ρ` at `poses` (by slot).
@@ -254,7 +204,8 @@ impl<const N: usize, G: LieGroup<N>> Problem<G, N> {
         self.hessian.diagonal.fill(SMatrix::zeros());
         self.hessian.off_diagonal.fill(SMatrix::zeros());
         self.gradient.fill(SVector::zeros());
-        let Self { columns, hessian, gradient, betweens, priors, customs, .. } = self;
+        let Self { pattern, hessian, gradient, betweens, priors, customs, .. } = self;
+        let columns = &pattern.columns;
         let mut sum = 0.0;
         #[cfg(not(feature = "rayon"))]
         for f in betweens.iter() {
@@ -303,8 +254,8 @@ fn add_between<const N: usize, G: LieGroup<N>>(
         hessian.diagonal[column_a as usize] += model.aa * f.scale;
         gradient[column_a as usize] += model.gradient_a * f.scale;
         if column_b != HELD {
-            let target = &mut hessian.off_diagonal[f.pair.index as usize];
-            if f.pair.transpose {
+            let target = &mut hessian.off_diagonal[f.pair as usize];
+            if column_a < column_b {
                 *target += model.ab.transpose() * f.scale;
             } else {
                 *target += model.ab * f.scale;
@@ -338,10 +289,10 @@ fn linearise_custom<const N: usize, G: LieGroup<N>>(
                 }
             }
         }
-        for jj in &jacobians[i + 1..] {
-            let Some(pair) = pairs.next().filter(|pair| pair.index != HELD) else { continue };
-            let block = if pair.transpose { product(jj, ji) } else { product(ji, jj) };
-            hessian.off_diagonal[pair.index as usize] += block * weighed.weight;
+        for (jj, slot) in jacobians.iter().zip(slots.iter()).skip(i + 1) {
+            let Some(pair) = pairs.next().filter(|pair| **pair != HELD) else { continue };
+            let block = if column < columns[*slot as usize] { product(jj, ji) } else { product(ji, jj) };
+            hessian.off_diagonal[*pair as usize] += block * weighed.weight;
         }
     }
     weighed.rho

@@ -171,6 +171,9 @@ impl<const N: usize, G: LieGroup<N>> PoseGraph<G, N> {
 
 /// Minimises the cost of `graph` over its free poses, from their present values.
 ///
+/// The elimination order that is found for it stays with the graph: the next solution, the chordal start, marginals and
+/// the certificate take it over as long as the same poses are joined. What comes out does not depend on that.
+///
 /// # Errors
 /// [`Error::EmptyGraph`]; [`Error::NoGauge`] with [`Gauge::Require`]; [`Error::Parameter`];
 /// [`Error::Indefinite`] when some pose is not determined by the factors (Gauss-Newton only: damping decides
@@ -181,20 +184,29 @@ pub fn solve<const N: usize, G: LieGroup<N>>(
 ) -> Result<Solution<G>, Error> {
     check(params)?;
     let held = graph.gauge_keys(params.gauge)?;
-    let mut problem = Problem::new(graph, &held)?;
     let mut poses = graph.poses.clone();
-    let outcome = if problem.free() == 0 {
-        let cost = problem.cost(&poses);
-        Outcome { termination: Termination::Converged, ..Outcome::at_start(cost) }
-    } else {
-        let mut cholesky = problem.cholesky();
-        let mut optimizer = Optimizer::new(&mut problem, &mut cholesky, params);
-        if params.start == Start::Auto {
-            optimizer = optimizer.with_rescue(Box::new(|| relaxed(graph, &held)));
-        }
-        optimizer.run(&mut poses).map_err(|slot| Error::Indefinite { key: graph.keys[slot] })?
-    };
+    let outcome = optimise(graph, &held, params, &mut poses)?;
     Ok(Solution::new(graph, &poses, held, outcome))
+}
+
+/// Moves `poses`; what that takes in memory is given back at the end.
+fn optimise<const N: usize, G: LieGroup<N>>(
+    graph: &PoseGraph<G, N>,
+    held: &[Key],
+    params: &SolveParams,
+    poses: &mut [G],
+) -> Result<Outcome, Error> {
+    let mut problem = Problem::new(graph, held)?;
+    if problem.free() == 0 {
+        let cost = problem.cost(poses);
+        return Ok(Outcome { termination: Termination::Converged, ..Outcome::at_start(cost) });
+    }
+    let mut cholesky = problem.cholesky(&graph.elimination);
+    let mut optimizer = Optimizer::new(&mut problem, &mut cholesky, params);
+    if params.start == Start::Auto {
+        optimizer = optimizer.with_rescue(Box::new(|| relaxed(graph, held)));
+    }
+    optimizer.run(poses).map_err(|slot| Error::Indefinite { key: graph.keys[slot] })
 }
 
 /// The poses of the chordal relaxation, where there is one for the group. Held poses stay.

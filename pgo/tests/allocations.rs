@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use draco_lie::LieGroup;
 use draco_pgo::io::g2o::{self, AnyGraph};
-use draco_pgo::{Key, MaxMixture, Method, PoseGraph, SolveParams, Start, chordal, solve};
+use draco_pgo::{Key, MaxMixture, Measurement, Method, PoseGraph, SolveParams, Start, chordal, solve};
 
 /// Allocations of a solution that stops after `iterations` linearisations.
 fn allocations<const N: usize, G: LieGroup<N>>(
@@ -29,6 +29,8 @@ fn allocations<const N: usize, G: LieGroup<N>>(
 }
 
 fn iterations_are_free<const N: usize, G: LieGroup<N>>(name: &str, graph: &PoseGraph<G, N>) {
+    // the first solution leaves the order of elimination to the others
+    allocations(graph, Method::GaussNewton, 1);
     for method in [Method::GaussNewton, Method::LevenbergMarquardt, Method::Dogleg] {
         let (few, many) = (allocations(graph, method, 1), allocations(graph, method, 4));
         assert_eq!(few, many, "{name} by {method:?}: {many} allocations in four iterations, {few} in one");
@@ -63,12 +65,28 @@ fn user_defined_factors_do_not_allocate_either() {
 /// What GTSAM 4.3.0 takes above the graph by Gauss-Newton, in MiB (growth of the resident set).
 const PEER: [(&str, f64); 2] = [("sphere2500", 30.7), ("torus3D", 82.5)];
 
+/// A copy that does not know an order of elimination yet.
+fn forgetful<const N: usize, G: LieGroup<N>>(graph: &PoseGraph<G, N>) -> PoseGraph<G, N> {
+    let mut copy = PoseGraph::new();
+    for (key, pose) in graph.poses() {
+        copy.add_pose(key, *pose).unwrap();
+    }
+    for (_, factor) in graph.factors() {
+        let Measurement::Between { from, to, measured } = factor.measurement else {
+            panic!("no relative pose")
+        };
+        copy.add_between(from, to, measured, factor.information, factor.kernel).unwrap();
+    }
+    copy
+}
+
 #[test]
 fn less_memory_is_taken_above_the_graph_than_by_a_peer() {
     for (name, peer) in PEER {
         let Some(path) = common::data(&format!("pgo/{name}.g2o")) else { return };
         let AnyGraph::Three(mut graph) = g2o::read(path).unwrap() else { unreachable!("a set in space") };
         chordal(&mut graph).unwrap();
+        let graph = forgetful(&graph);
         let counted = allocation_counter::measure(|| drop(solve(&graph, &SolveParams::default())));
         let peak = counted.bytes_max as f64 / f64::from(1 << 20);
         println!("{name}: {peak:.1} MiB above the graph, {:.2} of the peer's", peak / peer);

@@ -58,6 +58,8 @@ struct Split<'a, const W: usize> {
     parts: Vec<Part<W>>,
     incumbent: Incumbent,
     enough: u64,
+    /// Vertices to branch on up to which a part is not worth rows of its own.
+    few: u32,
 }
 
 impl<'a, const W: usize> Split<'a, W> {
@@ -72,7 +74,13 @@ impl<'a, const W: usize> Split<'a, W> {
             parts.push(Part { vertex, around: and(&open, &adjacent[vertex]) });
             put(&mut open, vertex);
         }
-        Self { problem, adjacent, parts, incumbent: Incumbent::new(lower), enough }
+        let few = match (problem.counted, density(problem.matrix) > DENSE) {
+            (false, _) => 0,
+            (true, true) => FEW,
+            (true, false) if W <= NARROW => u32::MAX,
+            (true, false) => 3 * FEW,
+        };
+        Self { problem, adjacent, parts, incumbent: Incumbent::new(lower), enough, few }
     }
 
     /// A clique of a part heavier than all known ones, if it is searched to its end its heaviest.
@@ -95,7 +103,7 @@ impl<'a, const W: usize> Split<'a, W> {
             return alone;
         }
         let enough = self.enough.saturating_sub(fixed);
-        let found = if self.problem.counted && count(&branching) <= FEW {
+        let found = if count(&branching) <= self.few {
             self.within().search(part.around, rest, enough, Some(rival), cover, meter)
         } else {
             self.search(part, rest, enough, Some(rival), meter)
@@ -136,5 +144,9 @@ impl<'a, const W: usize> Split<'a, W> {
     }
 }
 
-/// Vertices to branch on up to which a part is not worth rows of its own.
+/// Words of rows that one instruction handles, so that shorter rows would be no faster.
+const NARROW: usize = 4;
+
+/// Vertices to branch on up to which a part is not worth rows and an order of its own; three times as many where few
+/// vertices are joined, since each of them is less work.
 const FEW: u32 = 8;

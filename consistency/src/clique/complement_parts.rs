@@ -6,9 +6,9 @@ use super::complement_state::{State, Step, replay};
 use super::incumbent::{Incumbent, START};
 use super::rows::{count, is_empty};
 use super::threads;
-use crate::graph::{Adjacency, bit_matrix::BitMatrix};
+use crate::graph::bit_matrix::Apart;
 
-/// A clique of `matrix` of more than `lower` vertices: the largest, or one of at least `enough`, which no clique
+/// An independent set of a complement, a clique of its graph, of more than `lower` vertices: the largest, or one of at least `enough`, which no clique
 /// exceeds; or `None`.
 ///
 /// * `hint` – may know a clique of `enough`; asked if the search does not end at once.
@@ -16,13 +16,13 @@ use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 /// The answer does not depend on the number of threads: of the parts that hold a largest clique the first one wins,
 /// and what is returned is what a search of that part finds when it knows the size.
 pub(super) fn search<const W: usize>(
-    matrix: &BitMatrix,
+    apart: &Apart,
     lower: usize,
     enough: usize,
     hint: &dyn Fn() -> Option<Vec<usize>>,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let (root, enough) = (State::<W>::complement(matrix), isize::try_from(enough).unwrap_or(isize::MAX));
+    let (root, enough) = (State::<W>::of(apart), isize::try_from(enough).unwrap_or(isize::MAX));
     let lower = lower as isize;
     let mut tools = Tools::new(meter, AT_ONCE);
     let at_once = solve(root.clone(), lower, enough, &mut tools);
@@ -33,14 +33,14 @@ pub(super) fn search<const W: usize>(
     } else {
         in_parts(root, lower, enough, meter)
     };
-    Some(replay(&log?, matrix.len()))
+    Some(replay(&log?, apart.len()))
 }
 
 /// Nodes of a search that costs less than a hint.
 const AT_ONCE: u64 = 8;
 
 /// Nodes of a search that is not worth a split.
-const ALONE: u64 = 2_000;
+const ALONE: u64 = 128;
 
 /// Parts of a search that is.
 const PARTS: usize = 64;

@@ -10,8 +10,11 @@ use pulp::{Arch, NullaryFnOnce};
 use super::budget::Meter;
 use super::complement_bound::ComplementBound;
 use super::complement_state::{State, Step};
-use super::rows::{Set, and_not, count, empty, full, is_empty, put, width, with_width};
-use crate::graph::bits::{iter, words_for};
+use super::rows::{Set, and_not, count, full, is_empty, spread, width, with_width};
+use crate::graph::{
+    bit_matrix::Apart,
+    bits::{iter, words_for},
+};
 
 /// What all parts of the search share.
 pub(super) struct Tools<'a> {
@@ -126,12 +129,12 @@ fn solve_narrowed<const W: usize>(
     let mut place = vec![u32::MAX; 64 * W];
     vertices.iter().enumerate().for_each(|(i, &v)| place[v] = i as u32);
     let (lower, enough) = (lower - state.size(), enough - state.size());
-    let (mut ends, mut edges) = (Vec::with_capacity(left), Vec::with_capacity(8 * left));
+    let mut apart = Apart::default();
     for &v in &vertices {
-        edges.extend(iter(&state.around(v)).map(|u| place[u]));
-        ends.push(edges.len());
+        apart.others.extend(iter(&state.around(v)).map(|u| place[u]));
+        apart.ends.push(apart.others.len());
     }
-    let steps = with_width!(words_for(left), solve_lists(&edges, &ends, lower, enough, tools))?;
+    let steps = with_width!(words_for(left), solve_lists(&apart, lower, enough, tools))?;
     let mut log = state.log;
     let name = |v: u32| vertices[v as usize] as u32;
     log.extend(steps.into_iter().map(|step| match step {
@@ -142,18 +145,12 @@ fn solve_narrowed<const W: usize>(
 }
 
 fn solve_lists<const W: usize>(
-    edges: &[u32],
-    ends: &[usize],
+    apart: &Apart,
     lower: isize,
     enough: isize,
     tools: &mut Tools<'_>,
 ) -> Option<Vec<Step>> {
-    let (mut apart, mut begin) = (vec![empty::<W>(); ends.len()], 0);
-    for (row, &end) in apart.iter_mut().zip(ends) {
-        edges[begin..end].iter().for_each(|&u| put(row, u as usize));
-        begin = end;
-    }
-    solve(State::reduced(apart, full(ends.len())), lower, enough, tools)
+    solve(State::reduced(spread::<W>(apart), full(apart.len())), lower, enough, tools)
 }
 
 pub(super) fn size_of(log: &[Step]) -> isize {

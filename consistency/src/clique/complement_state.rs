@@ -3,8 +3,10 @@
 //! **Source**: Akiba and Iwata, *Branch-and-reduce exponential/FPT algorithms in practice*, 2016 (degree one and two,
 //! unconfined vertices, mirrors).
 
-use super::rows::{Set, and, and_not, count, drop, empty, first, full, has, is_empty, or, put, widened};
-use crate::graph::{Adjacency, bit_matrix::BitMatrix};
+use super::rows::{
+    Set, and, and_not, count, drop, empty, first, full, has, is_empty, is_single, or, put, spread,
+};
+use crate::graph::bit_matrix::Apart;
 
 /// A step of the construction of an independent set.
 #[derive(Clone, Copy, Debug)]
@@ -46,15 +48,10 @@ pub(super) struct State<const W: usize> {
 }
 
 impl<const W: usize> State<W> {
-    /// The complement of a graph, and nothing chosen.
-    pub(super) fn complement(matrix: &BitMatrix) -> Self {
-        let all = full(matrix.len());
-        let mut apart = widened::<W>(matrix);
-        for (v, row) in apart.iter_mut().enumerate() {
-            *row = and_not(&all, row);
-            drop(row, v);
-        }
-        Self { apart, alive: all, log: Vec::new(), small: all, large: all }
+    /// A complement, and nothing chosen.
+    pub(super) fn of(apart: &Apart) -> Self {
+        let all = full(apart.len());
+        Self { apart: spread(apart), alive: all, log: Vec::new(), small: all, large: all }
     }
 
     /// A part of a complement to which all rules were applied before.
@@ -139,9 +136,16 @@ impl<const W: usize> State<W> {
         if is_empty(&rest) {
             if has(&self.apart[a], b) { self.take(v) } else { self.fold(v, a, b) }
         } else {
-            // Fewer neighbours here may make this vertex or one of them unconfined.
-            self.large = or(&self.large, &around);
-            put(&mut self.large, v);
+            // Fewer neighbours here may make one of them unconfined, if it is joined to all others but one or none.
+            rest = around;
+            while let Some(u) = first(&rest) {
+                drop(&mut rest, u);
+                let mut outside = and_not(&around, &self.apart[u]);
+                drop(&mut outside, u);
+                if is_empty(&outside) || is_single(&outside) {
+                    put(&mut self.large, u);
+                }
+            }
         }
     }
 
@@ -151,27 +155,30 @@ impl<const W: usize> State<W> {
         let mut inside = empty::<W>();
         put(&mut inside, v);
         let mut border = self.around(v);
-        let mut closed = or(&border, &inside);
+        let mut open = and_not(&self.alive, &border);
+        drop(&mut open, v);
+        let mut single = true;
         loop {
             let mut extension = None;
             let mut rest = border;
             while let Some(u) = first(&rest) {
                 drop(&mut rest, u);
-                let near = and(&self.apart[u], &inside);
-                if count(&near) != 1 {
+                if !single && count(&and(&self.apart[u], &inside)) != 1 {
                     continue;
                 }
-                let mut outside = and_not(&self.around(u), &closed);
+                let outside = and(&self.apart[u], &open);
                 let Some(w) = first(&outside) else { return true };
-                drop(&mut outside, w);
-                if extension.is_none() && is_empty(&outside) {
+                if extension.is_none() && is_single(&outside) {
                     extension = Some(w);
                 }
             }
             let Some(w) = extension else { return false };
+            single = false;
             put(&mut inside, w);
-            border = or(&border, &self.around(w));
-            closed = or(&closed, &or(&self.around(w), &inside));
+            let around = self.around(w);
+            border = or(&border, &around);
+            open = and_not(&open, &around);
+            drop(&mut open, w);
         }
     }
 

@@ -3,12 +3,16 @@
 use super::budget::Meter;
 use super::greedy::extend;
 use super::local_search;
-use super::order::{DENSE, density, order, order_above};
+use super::order::{DENSE, density, matters, order, order_above};
 use super::peels::Peels;
 use super::rows::{closed, full, with_width};
 use super::search::Problem;
 use super::{by_vertex, complement_parts};
-use crate::graph::{Adjacency, bit_matrix::BitMatrix};
+use crate::graph::{
+    Adjacency,
+    bit_matrix::{Apart, BitMatrix},
+    bits::words_for,
+};
 
 /// A clique of `matrix` heavier than `lower`: the heaviest, or one of at least `enough`; or `None`.
 pub(super) fn heavier(
@@ -18,58 +22,87 @@ pub(super) fn heavier(
     enough: u64,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let mut order = order_above(matrix, weights, lower);
-    let pick = |order: &[usize]| order.iter().map(|&v| weights[v]).collect::<Vec<u64>>();
-    let mut reduced = matrix.select(&order);
-    let mut own = pick(&order);
+    let order = order_above(matrix, weights, lower);
+    let own = pick(weights, &order);
     if own.iter().sum::<u64>() <= lower {
         return None;
     }
-    let start = extend(&reduced, 0..reduced.len());
-    let moves = if density(&reduced) > DENSE { LOCAL_MOVES } else { LOCAL_MOVES / 3 };
-    let steps = (LOCAL_STEPS * reduced.len()).min(moves / (1 + missing_degree(&reduced) as usize));
-    let start = local_search::improve(&reduced, &own, &start, steps, enough);
-    let weight: u64 = start.iter().map(|&v| own[v]).sum();
-    let (mut best, mut known) = (None, lower);
-    if weight > lower {
-        known = weight;
-        best = Some(start.iter().map(|&v| order[v]).collect());
-        if known >= enough {
-            return best;
-        }
-        let kept = order_above(&reduced, &own, known);
-        reduced = reduced.select(&kept);
-        order = kept.into_iter().map(|i| order[i]).collect();
-        own = pick(&order);
-    }
-    let found = exactly(&reduced, &own, known, enough, meter);
-    found.map(|clique| clique.into_iter().map(|v| order[v]).collect()).or(best)
+    let found = in_order(matrix.select(&order), own, lower, enough, meter)?;
+    Some(found.into_iter().map(|v| order[v]).collect())
 }
 
-/// The same for a graph that hardly ever holds such a clique, near one that is known: `start`.
-pub(super) fn heavier_near(
-    matrix: &BitMatrix,
-    weights: &[u64],
-    start: &[usize],
+/// The same for vertices in the order of colouring.
+fn in_order(
+    matrix: BitMatrix,
+    weights: Vec<u64>,
     lower: u64,
     enough: u64,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    if counts(weights) && missing_degree(matrix) <= SPARSE_COMPLEMENT {
-        let hint = || {
-            let steps = NEAR_STEPS * matrix.len();
-            let better = local_search::improve(matrix, weights, start, steps, enough);
-            (better.len() as u64 >= enough).then_some(better)
-        };
-        return sparse_complement(matrix, lower, enough, &hint, meter);
+    let n = matrix.len();
+    let start = extend(&matrix, 0..n);
+    let moves = if density(&matrix) > DENSE { LOCAL_MOVES } else { EASY_MOVES.min(n * n / 8) };
+    let steps = (LOCAL_STEPS * n).min(moves / (1 + missing_degree(&matrix) as usize));
+    let start = local_search::improve(&apart(&matrix), &weights, &start, steps, enough);
+    let weight: u64 = start.iter().map(|&v| weights[v]).sum();
+    if weight <= lower {
+        return exactly(&matrix, &weights, lower, enough, meter);
     }
+    if weight >= enough {
+        return Some(start);
+    }
+    if (0..n).all(matters(&matrix, &weights, weight)) {
+        return exactly(&matrix, &weights, weight, enough, meter).or(Some(start));
+    }
+    let kept = order_above(&matrix, &weights, weight);
+    let found = exactly(&matrix.select(&kept), &pick(&weights, &kept), weight, enough, meter);
+    found.map(|clique| clique.into_iter().map(|v| kept[v]).collect()).or(Some(start))
+}
+
+fn pick(weights: &[u64], vertices: &[usize]) -> Vec<u64> {
+    vertices.iter().map(|&v| weights[v]).collect()
+}
+
+/// The same for a graph that hardly ever holds such a clique.
+pub(super) fn heavier_at_once(
+    matrix: &BitMatrix,
+    weights: &[u64],
+    lower: u64,
+    enough: u64,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
     let order = order_above(matrix, weights, lower);
-    let own: Vec<u64> = order.iter().map(|&v| weights[v]).collect();
+    let own = pick(weights, &order);
     if own.iter().sum::<u64>() <= lower {
         return None;
     }
     let found = exactly(&matrix.select(&order), &own, lower, enough, meter)?;
     Some(found.into_iter().map(|v| order[v]).collect())
+}
+
+/// The same for a near-clique, counted, given by its complement, in which `start` nearly suffices.
+pub(super) fn larger_near(
+    apart: &Apart,
+    start: &[usize],
+    lower: usize,
+    enough: usize,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
+    let hint = || {
+        let (ones, steps) = (vec![1; apart.len()], NEAR_STEPS * apart.len());
+        let better = local_search::improve(apart, &ones, start, steps, enough as u64);
+        (better.len() >= enough).then_some(better)
+    };
+    sparse_complement(apart, lower, enough, &hint, meter)
+}
+
+/// Whether a graph with so many vertices and pairs that are not joined is searched through its complement.
+pub(super) fn is_near_clique(vertices: usize, missing: usize) -> bool {
+    2.0 * missing as f64 <= SPARSE_COMPLEMENT * vertices as f64
+}
+
+fn apart(matrix: &BitMatrix) -> Apart {
+    matrix.apart(&(0..matrix.len()).collect::<Vec<usize>>())
 }
 
 /// Takes the search that fits.
@@ -82,7 +115,7 @@ fn exactly(
 ) -> Option<Vec<usize>> {
     let counted = counts(weights);
     if counted && missing_degree(matrix) <= SPARSE_COMPLEMENT {
-        sparse_complement(matrix, lower, enough, &|| None, meter)
+        sparse_complement(&apart(matrix), lower as usize, enough as usize, &|| None, meter)
     } else {
         by_vertex::search(Problem { matrix, weights, counted }, lower, enough, meter)
     }
@@ -98,6 +131,20 @@ pub(super) fn larger(
     heavier(matrix, &vec![1; matrix.len()], lower as u64, enough as u64, meter)
 }
 
+/// The same for vertices in the order of colouring.
+pub(super) fn larger_in_order(
+    matrix: BitMatrix,
+    lower: usize,
+    enough: usize,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
+    if matrix.len() <= lower {
+        return None;
+    }
+    let ones = vec![1; matrix.len()];
+    in_order(matrix, ones, lower as u64, enough as u64, meter)
+}
+
 /// Upper bound of the weight of a clique, by colouring alone.
 pub(super) fn bound(matrix: &BitMatrix, weights: &[u64]) -> u64 {
     with_width!(matrix.words(), bound_wide(matrix, weights))
@@ -105,14 +152,15 @@ pub(super) fn bound(matrix: &BitMatrix, weights: &[u64]) -> u64 {
 
 fn bound_wide<const W: usize>(matrix: &BitMatrix, weights: &[u64]) -> u64 {
     let order = order(matrix, weights);
-    let weights: Vec<u64> = order.iter().map(|&v| weights[v]).collect();
+    let weights = pick(weights, &order);
     Peels::<W>::new().bound(&closed(&matrix.select(&order)), &weights, full(matrix.len()))
 }
 
-/// Steps of the local search a vertex, and a limit on what all of them may touch; a third of it where few vertices
-/// are joined, since there the search costs hardly more.
+/// Steps of the local search a vertex, and a limit on what all of them may touch; less where few vertices are joined,
+/// since there the search costs hardly more: no more than reading the graph does.
 const LOCAL_STEPS: usize = 10;
 const LOCAL_MOVES: usize = 150_000;
+const EASY_MOVES: usize = 50_000;
 
 /// Steps a vertex from a clique that nearly suffices.
 const NEAR_STEPS: usize = 2;
@@ -131,22 +179,21 @@ fn counts(weights: &[u64]) -> bool {
 
 /// * `hint` – may know a clique of `enough`; asked if the search does not end at once.
 fn sparse_complement(
-    matrix: &BitMatrix,
-    lower: u64,
-    enough: u64,
-    hint: &dyn Fn() -> Option<Vec<usize>>,
-    meter: &mut Meter,
-) -> Option<Vec<usize>> {
-    let (lower, enough) = (lower as usize, enough as usize);
-    with_width!(matrix.words(), sparse_complement_wide(matrix, lower, enough, hint, meter))
-}
-
-fn sparse_complement_wide<const W: usize>(
-    matrix: &BitMatrix,
+    apart: &Apart,
     lower: usize,
     enough: usize,
     hint: &dyn Fn() -> Option<Vec<usize>>,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    complement_parts::search::<W>(matrix, lower, enough, hint, meter)
+    with_width!(words_for(apart.len()), sparse_complement_wide(apart, lower, enough, hint, meter))
+}
+
+fn sparse_complement_wide<const W: usize>(
+    apart: &Apart,
+    lower: usize,
+    enough: usize,
+    hint: &dyn Fn() -> Option<Vec<usize>>,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
+    complement_parts::search::<W>(apart, lower, enough, hint, meter)
 }

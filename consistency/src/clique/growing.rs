@@ -60,9 +60,8 @@ impl Growing {
         self.deleted.push(false);
         self.degree.push(0);
         self.graph.set_weight(v, weight)?;
-        for &u in neighbors {
-            self.join(v, u)?;
-        }
+        let degree = &mut self.degree;
+        self.graph.join_all(v, neighbors, |u| [u, v].iter().for_each(|&w| degree[w] += 1));
         self.search_through(&[v], weight);
         Ok(())
     }
@@ -147,7 +146,10 @@ impl Growing {
             self.best.vertices.sort_unstable();
             self.best.value = self.graph.total_weight(&self.best.vertices);
         } else {
-            let around = self.graph.neighbors(fixed[0]).filter(|u| !fixed.contains(u) && joined(u));
+            // Most vertices have too few neighbours for a larger clique.
+            let few = self.counted && fixed.iter().any(|&f| self.degree[f] < self.best.vertices.len());
+            let all = (!few).then(|| self.graph.neighbors(fixed[0])).into_iter().flatten();
+            let around = all.filter(|u| !fixed.contains(u) && joined(u));
             let better = self.within(around.collect(), fixed, upper, &mut meter);
             self.settle(better);
         }
@@ -187,11 +189,14 @@ impl Growing {
         let weights: Vec<u64> = among.iter().map(|&v| integer(v)).collect();
         let found = if weights.iter().sum::<u64>() <= lower {
             None
-        } else {
-            let matrix = self.graph.matrix().select(&among);
+        } else if self.counted && dense::is_near_clique(among.len(), self.graph.matrix().missing(&among)) {
             let inside = |v: &usize| among.binary_search(v).ok();
             let start: Vec<usize> = self.best.vertices.iter().filter_map(inside).collect();
-            dense::heavier_near(&matrix, &weights, &start, lower, enough, meter)
+            let apart = self.graph.matrix().apart(&among);
+            dense::larger_near(&apart, &start, lower as usize, enough as usize, meter)
+        } else {
+            let matrix = self.graph.matrix().select(&among);
+            dense::heavier_at_once(&matrix, &weights, lower, enough, meter)
         };
         match found {
             Some(found) => Some(found.into_iter().map(|u| among[u]).chain(fixed.iter().copied()).collect()),

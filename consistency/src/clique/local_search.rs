@@ -1,6 +1,4 @@
-use std::cmp::Reverse;
-
-use crate::graph::{Adjacency, bit_matrix::BitMatrix};
+use crate::graph::bit_matrix::Apart;
 
 /// Improves a clique by adding vertices and by swapping one vertex for another: the move that gains most weight, of
 /// equal ones that of the vertex that rested longest. A vertex that was dropped may not return at once.
@@ -11,16 +9,16 @@ use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 /// the joined neighbourhoods of Wu, Hao and Glover, *Multi-neighborhood tabu search for the maximum weight clique
 /// problem*, 2012, with fixed rules in place of random ones.
 pub(super) fn improve(
-    matrix: &BitMatrix,
+    apart: &Apart,
     weights: &[u64],
     start: &[usize],
     steps: usize,
     enough: u64,
 ) -> Vec<usize> {
-    let n = matrix.len();
+    let n = apart.len();
     let mut search = LocalSearch {
         weights,
-        apart: matrix.apart(),
+        apart,
         missing: vec![0; n],
         lost: vec![0; n],
         chosen: vec![false; n],
@@ -42,7 +40,7 @@ const REST: u64 = 5;
 struct LocalSearch<'a> {
     weights: &'a [u64],
     /// Vertices not joined to each vertex.
-    apart: Vec<Vec<u32>>,
+    apart: &'a Apart,
     /// Number of clique members a vertex is not joined to.
     missing: Vec<u32>,
     /// Weight of those members.
@@ -83,19 +81,28 @@ impl LocalSearch<'_> {
 
     /// The vertex to add or swap in, if one is allowed to.
     fn best_move(&self) -> Option<usize> {
-        let rested = |v: &usize| self.moved[*v] == 0 || self.moved[*v] + REST < self.now;
-        let key = |v: &usize| {
-            let gain = self.weights[*v] as i64 - self.lost[*v] as i64;
-            (gain, Reverse((self.moved[*v], self.apart[*v].len(), *v)))
-        };
-        let all = self.fit.iter().chain(&self.near).map(|&v| v as usize);
-        all.filter(rested).max_by_key(key)
+        let mut best: Option<(i64, u64, usize)> = None;
+        for &v in self.fit.iter().chain(&self.near) {
+            let v = v as usize;
+            let moved = self.moved[v];
+            if moved != 0 && moved + REST >= self.now {
+                continue;
+            }
+            let gain = self.weights[v] as i64 - self.lost[v] as i64;
+            let rank = |u: usize| (self.apart.of(u).len(), u);
+            if best.is_none_or(|(most, oldest, u)| {
+                gain > most || gain == most && (moved < oldest || moved == oldest && rank(v) < rank(u))
+            }) {
+                best = Some((gain, moved, v));
+            }
+        }
+        best.map(|(_, _, v)| v)
     }
 
     /// Adds `v` and drops the members it is not joined to.
     fn swap_in(&mut self, v: usize) {
         let gone: Vec<usize> =
-            self.apart[v].iter().map(|&u| u as usize).filter(|&u| self.chosen[u]).collect();
+            self.apart.of(v).iter().map(|&u| u as usize).filter(|&u| self.chosen[u]).collect();
         gone.into_iter().for_each(|u| self.drop(u));
         self.add(v);
     }
@@ -105,8 +112,8 @@ impl LocalSearch<'_> {
         self.chosen[v] = true;
         self.moved[v] = self.now;
         self.weight += self.weights[v];
-        for i in 0..self.apart[v].len() {
-            let u = self.apart[v][i] as usize;
+        for i in 0..self.apart.of(v).len() {
+            let u = self.apart.of(v)[i] as usize;
             self.lost[u] += self.weights[v];
             // Only vertices that miss few members are on a list.
             if self.missing[u] > 1 {
@@ -124,8 +131,8 @@ impl LocalSearch<'_> {
         self.moved[v] = self.now;
         self.weight -= self.weights[v];
         self.list(v);
-        for i in 0..self.apart[v].len() {
-            let u = self.apart[v][i] as usize;
+        for i in 0..self.apart.of(v).len() {
+            let u = self.apart.of(v)[i] as usize;
             self.lost[u] -= self.weights[v];
             if self.missing[u] > 2 {
                 self.missing[u] -= 1;

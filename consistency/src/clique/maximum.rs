@@ -63,9 +63,9 @@ fn larger<A: Adjacency>(
     enough: usize,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let kept: Vec<usize> = (0..graph.len()).filter(|&v| cores.core[v] >= lower).collect();
+    let kept: Vec<usize> = cores.order.iter().rev().copied().filter(|&v| cores.core[v] >= lower).collect();
     if kept.len() <= DENSE_LIMIT {
-        let found = dense::larger(&BitMatrix::induced(graph, &kept), lower, enough, meter)?;
+        let found = dense::larger_in_order(BitMatrix::induced(graph, &kept), lower, enough, meter)?;
         return Some(found.into_iter().map(|v| kept[v]).collect());
     }
     // Too large for one search: each vertex with those that come later in the degeneracy order.

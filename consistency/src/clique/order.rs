@@ -31,12 +31,22 @@ fn weight_around(matrix: &BitMatrix, weights: &[u64], v: usize) -> u64 {
 /// The order without vertices that are in no clique heavier than `lower`.
 pub(super) fn order_above(matrix: &BitMatrix, weights: &[u64], lower: u64) -> Vec<usize> {
     let mut order = order(matrix, weights);
-    if weights.iter().all(|&w| w == 1) {
-        order.retain(|&v| 1 + matrix.degree(v) as u64 > lower);
-    } else {
-        order.retain(|&v| weights[v] > 0 && weights[v] + weight_around(matrix, weights, v) > lower);
-    }
+    let matters = matters(matrix, weights, lower);
+    order.retain(|&v| matters(v));
     order
+}
+
+/// Whether a vertex may be in a clique heavier than `lower`.
+pub(super) fn matters<'a>(
+    matrix: &'a BitMatrix,
+    weights: &'a [u64],
+    lower: u64,
+) -> impl Fn(usize) -> bool + 'a {
+    let counted = weights.iter().all(|&w| w == 1);
+    move |v| {
+        let around = if counted { matrix.degree(v) as u64 } else { weight_around(matrix, weights, v) };
+        weights[v] > 0 && weights[v] + around > lower
+    }
 }
 
 /// Share of the vertex pairs that are joined, about.

@@ -1,6 +1,9 @@
 //! Bit rows of a small graph whose width is known to the compiler.
 
-use crate::graph::{Adjacency, bit_matrix::BitMatrix};
+use crate::graph::{
+    Adjacency,
+    bit_matrix::{Apart, BitMatrix},
+};
 
 /// A set of vertices as `W` words.
 pub(super) type Set<const W: usize> = [u64; W];
@@ -77,21 +80,25 @@ pub(super) fn drop<const W: usize>(set: &mut Set<W>, v: usize) {
     set[(v / 64) % W] &= !(1 << (v % 64));
 }
 
-/// Rows of `W` words, at least as many as those of `matrix`.
-pub(super) fn widened<const W: usize>(matrix: &BitMatrix) -> Vec<Set<W>> {
+/// Rows of `W` words, at least as many as those of `matrix`, that hold their own vertex too.
+pub(super) fn closed<const W: usize>(matrix: &BitMatrix) -> Vec<Set<W>> {
     let wide = |v: usize| {
         let mut set = empty::<W>();
         set[..matrix.words()].copy_from_slice(matrix.row(v));
+        put(&mut set, v);
         set
     };
     (0..matrix.len()).map(wide).collect()
 }
 
-/// The same with the own vertex in each row.
-pub(super) fn closed<const W: usize>(matrix: &BitMatrix) -> Vec<Set<W>> {
-    let mut rows = widened::<W>(matrix);
-    rows.iter_mut().enumerate().for_each(|(v, row)| put(row, v));
-    rows
+/// The edges of a complement as rows.
+pub(super) fn spread<const W: usize>(apart: &Apart) -> Vec<Set<W>> {
+    let row = |v: usize| {
+        let mut set = empty::<W>();
+        apart.of(v).iter().for_each(|&u| put(&mut set, u as usize));
+        set
+    };
+    (0..apart.len()).map(row).collect()
 }
 
 /// Calls a function generic over the number of words with the least width that holds `$words` words.

@@ -25,11 +25,19 @@ impl BitMatrix {
         &self.rows[v * self.words..(v + 1) * self.words]
     }
 
+    /// The same, empty for an unknown vertex.
+    #[inline]
+    pub(crate) fn known_row(&self, v: usize) -> &[u64] {
+        if v < self.vertices { self.row(v) } else { &[] }
+    }
+
+    #[inline]
     fn row_mut(&mut self, v: usize) -> &mut [u64] {
         &mut self.rows[v * self.words..(v + 1) * self.words]
     }
 
     /// Joins two known vertices.
+    #[inline]
     pub(crate) fn join(&mut self, a: usize, b: usize) {
         bits::insert(self.row_mut(a), b);
         bits::insert(self.row_mut(b), a);
@@ -118,16 +126,55 @@ impl BitMatrix {
         part
     }
 
-    /// Vertices not joined to each vertex, without itself.
-    pub(crate) fn apart(&self) -> Vec<Vec<u32>> {
-        let rows = (0..self.vertices).map(|v| {
-            let missing = self.row(v).iter().enumerate().flat_map(|(block, &word)| {
-                let missing = bits::iter_word(!word).map(move |bit| 64 * block + bit);
-                missing.filter(|&u| u < self.vertices && u != v)
-            });
-            missing.map(|u| u as u32).collect()
-        });
-        rows.collect()
+    /// Which of `vertices`, ascending, are not joined to which others of them; numbers count within `vertices`.
+    pub(crate) fn apart(&self, vertices: &[usize]) -> Apart {
+        let mut place = vec![0u32; 64 * self.words];
+        let mut inside = vec![0; self.words];
+        for (i, &v) in vertices.iter().enumerate() {
+            place[v] = i as u32;
+            bits::insert(&mut inside, v);
+        }
+        let mut apart = Apart { ends: Vec::with_capacity(vertices.len()), others: Vec::new() };
+        for &v in vertices {
+            for (block, (word, mask)) in self.row(v).iter().zip(&inside).enumerate() {
+                let missing = bits::iter_word(mask & !word).map(|bit| 64 * block + bit);
+                apart.others.extend(missing.filter(|&u| u != v).map(|u| place[u]));
+            }
+            apart.ends.push(apart.others.len());
+        }
+        apart
+    }
+
+    /// Number of pairs of `vertices` that are not joined.
+    pub(crate) fn missing(&self, vertices: &[usize]) -> usize {
+        let mut inside = vec![0; self.words];
+        vertices.iter().for_each(|&v| bits::insert(&mut inside, v));
+        let missing = |v: usize| {
+            let row = self.row(v).iter().zip(&inside);
+            row.map(|(word, mask)| (mask & !word).count_ones() as usize).sum::<usize>() - 1
+        };
+        vertices.iter().map(|&v| missing(v)).sum::<usize>() / 2
+    }
+}
+
+/// Edges of a complement as lists, one after the other.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Apart {
+    pub(crate) ends: Vec<usize>,
+    pub(crate) others: Vec<u32>,
+}
+
+impl Apart {
+    /// Number of vertices.
+    pub(crate) fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Vertices that `v` is not joined to.
+    #[inline]
+    pub(crate) fn of(&self, v: usize) -> &[u32] {
+        let begin = if v == 0 { 0 } else { self.ends[v - 1] };
+        &self.others[begin..self.ends[v]]
     }
 }
 
@@ -139,21 +186,51 @@ impl Adjacency for BitMatrix {
 
     #[inline]
     fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> + '_ {
-        bits::iter(self.row(vertex))
+        bits::iter(self.known_row(vertex))
     }
 
     #[inline]
     fn degree(&self, vertex: usize) -> usize {
-        bits::count(self.row(vertex))
+        bits::count(self.known_row(vertex))
     }
 
     #[inline]
     fn has_edge(&self, a: usize, b: usize) -> bool {
-        bits::has(self.row(a), b)
+        bits::has(self.known_row(a), b)
     }
 
     #[inline]
     fn weight(&self, _: usize) -> f64 {
         1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_vertices_have_no_neighbours() {
+        let mut matrix = BitMatrix::new(3);
+        matrix.join(0, 2);
+        assert_eq!((matrix.neighbors(3).count(), matrix.degree(64)), (0, 0));
+        assert!(!matrix.has_edge(3, 0) && !matrix.has_edge(0, 64) && matrix.has_edge(2, 0));
+    }
+
+    #[test]
+    fn complement_of_a_part_is_what_is_not_joined() {
+        let mut matrix = BitMatrix::new(130);
+        let joined = |a: usize, b: usize| (7 * a + 11 * b + a * b).is_multiple_of(3);
+        (0..130).for_each(|a| (0..a).filter(|&b| joined(a, b)).for_each(|b| matrix.join(a, b)));
+        let part: Vec<usize> = (0..130).filter(|v| v % 5 != 1).collect();
+        let apart = matrix.apart(&part);
+        let mut missing = 0;
+        for (i, &a) in part.iter().enumerate() {
+            let others = (0..part.len()).filter(|&j| j != i && !joined(a.max(part[j]), a.min(part[j])));
+            let others: Vec<u32> = others.map(|j| j as u32).collect();
+            assert_eq!(apart.of(i), others);
+            missing += others.len();
+        }
+        assert_eq!((apart.len(), 2 * matrix.missing(&part)), (part.len(), missing));
     }
 }

@@ -1,6 +1,6 @@
 use petgraph::visit::{EdgeRef, IntoEdgeReferences, NodeIndexable};
 
-use super::{Adjacency, SparseGraph, bit_matrix::BitMatrix, bits};
+use super::{Adjacency, SparseGraph, bit_matrix::BitMatrix};
 use crate::Error;
 
 /// Undirected graph with one row of bits a vertex and a weight a vertex.
@@ -165,7 +165,17 @@ impl Graph {
     /// Neighbours of `vertex` as a set of bits, bit `j` of word `j / 64`; empty for an unknown vertex.
     #[inline]
     pub fn row(&self, vertex: usize) -> &[u64] {
-        if vertex < self.len() { self.edges.row(vertex) } else { &[] }
+        self.edges.known_row(vertex)
+    }
+
+    /// Joins `vertex` to `others`, all known and different from it, and tells which edges are new.
+    pub(crate) fn join_all(&mut self, vertex: usize, others: &[usize], mut each: impl FnMut(usize)) {
+        for &u in others {
+            if !self.has_edge(vertex, u) {
+                self.edges.join(vertex, u);
+                each(u);
+            }
+        }
     }
 
     /// The edges alone.
@@ -186,17 +196,17 @@ impl Adjacency for Graph {
 
     #[inline]
     fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> + '_ {
-        bits::iter(self.row(vertex))
+        self.edges.neighbors(vertex)
     }
 
     #[inline]
     fn degree(&self, vertex: usize) -> usize {
-        bits::count(self.row(vertex))
+        self.edges.degree(vertex)
     }
 
     #[inline]
     fn has_edge(&self, a: usize, b: usize) -> bool {
-        bits::has(self.row(a), b)
+        self.edges.has_edge(a, b)
     }
 
     #[inline]

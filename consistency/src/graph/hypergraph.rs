@@ -97,6 +97,11 @@ impl Hypergraph {
         Ok(new)
     }
 
+    /// Adds an edge of known vertices in ascending order.
+    pub(crate) fn join(&mut self, sorted: &[usize]) {
+        self.write(sorted, bits::insert);
+    }
+
     /// Removes an edge; says whether it was there.
     ///
     /// # Errors

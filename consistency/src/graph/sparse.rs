@@ -38,21 +38,23 @@ impl SparseGraph {
         Ok(Self::from_arcs(&arcs, vec![1.0; vertices]))
     }
 
-    /// From both directions of edges known to be sound, sorted by counting: first by target, then by source.
+    /// From both directions of edges known to be sound.
     fn from_arcs(arcs: &[(u32, u32)], weights: Vec<f64>) -> Self {
         let n = weights.len();
-        let mut by_target = vec![(0, 0); arcs.len()];
-        let mut place = starts(n, arcs.iter().map(|arc| arc.1));
-        for &(a, b) in arcs {
-            by_target[place[b as usize]] = (a, b);
-            place[b as usize] += 1;
-        }
-        let mut neighbors = vec![0; arcs.len()];
         let bounds = starts(n, arcs.iter().map(|arc| arc.0));
-        place.copy_from_slice(&bounds);
-        for (a, b) in by_target {
-            neighbors[place[a as usize]] = b;
+        let (mut place, mut lists) = (bounds.clone(), vec![0; arcs.len()]);
+        for &(a, b) in arcs {
+            lists[place[a as usize]] = b;
             place[a as usize] += 1;
+        }
+        // Vertices enter the lists of their neighbours one after the other, which sorts those.
+        let mut neighbors = vec![0; arcs.len()];
+        place.copy_from_slice(&bounds);
+        for v in 0..n {
+            for &u in &lists[bounds[v]..bounds[v + 1]] {
+                neighbors[place[u as usize]] = v as u32;
+                place[u as usize] += 1;
+            }
         }
         let (mut starts, mut kept) = (vec![0; n + 1], 0);
         for v in 0..n {

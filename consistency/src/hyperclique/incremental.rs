@@ -46,35 +46,33 @@ impl Incremental {
         &mut self,
         partners: impl IntoIterator<Item = E>,
     ) -> Result<&Outcome, Error> {
-        let mut grown = Vec::new();
-        let v = self.graph.len();
+        let (v, order) = (self.graph.len(), self.graph.order());
+        // One edge after the other, each in ascending order.
+        let mut edges: Vec<usize> = Vec::new();
         for set in partners {
             let set = set.as_ref();
             if let Some(&vertex) = set.iter().find(|&&u| u >= v || self.deleted[u]) {
                 return Err(Error::UnknownVertex { vertex, vertices: v });
             }
-            let mut sorted = set.to_vec();
-            sorted.sort_unstable();
-            if let Some(twice) = sorted.windows(2).find(|w| w[0] == w[1]) {
+            if set.len() + 1 != order {
+                return Err(Error::EdgeOrder { order, given: set.len() + 1 });
+            }
+            let begin = edges.len();
+            edges.extend_from_slice(set);
+            edges[begin..].sort_unstable();
+            if let Some(twice) = edges[begin..].windows(2).find(|w| w[0] == w[1]) {
                 return Err(Error::SelfLoop { vertex: twice[0] });
             }
-            if set.len() + 1 != self.graph.order() {
-                return Err(Error::EdgeOrder { order: self.graph.order(), given: set.len() + 1 });
-            }
-            sorted.push(v);
-            grown.push(sorted);
+            edges.push(v);
         }
         self.graph.add_vertex()?;
         self.deleted.push(false);
-        for edge in &grown {
-            self.graph.add_edge(edge)?;
-        }
+        edges.chunks_exact(order).for_each(|edge| self.graph.join(edge));
         let mut meter = Meter::new(&self.budget);
         let upper = self.best.upper_bound + 1;
-        let mut search = Search::new(&self.graph, self.best.value, &mut meter);
+        let mut search = Search::new(&self.graph, self.alive(), Some(v), self.best.value, &mut meter);
         search.target = upper;
-        search.close(&self.deleted);
-        let better = search.run(&[v]);
+        let better = search.run();
         let known = std::mem::take(&mut self.best.vertices);
         let was_optimal = self.best.optimal;
         self.best = finish(&self.graph, better.unwrap_or(known), upper, &meter);
@@ -86,6 +84,12 @@ impl Incremental {
             self.best.optimal = self.best.upper_bound == self.best.value;
         }
         Ok(&self.best)
+    }
+
+    fn alive(&self) -> Vec<u64> {
+        let mut alive = vec![0; self.graph.words()];
+        (0..self.graph.len()).filter(|&v| !self.deleted[v]).for_each(|v| bits::insert(&mut alive, v));
+        alive
     }
 
     /// Takes a vertex and all its edges away.
@@ -112,10 +116,9 @@ impl Incremental {
         let mut known = std::mem::take(&mut self.best.vertices);
         if known.contains(&vertex) {
             known.retain(|&v| v != vertex);
-            let mut search = Search::new(&self.graph, known.len(), &mut meter);
+            let mut search = Search::new(&self.graph, self.alive(), None, known.len(), &mut meter);
             search.target = upper;
-            search.close(&self.deleted);
-            known = search.run(&[]).unwrap_or(known);
+            known = search.run().unwrap_or(known);
             self.best = finish(&self.graph, known, upper, &meter);
         } else {
             self.best.vertices = known;

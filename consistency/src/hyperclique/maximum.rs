@@ -1,6 +1,6 @@
 use super::{greedy, search::Search};
 use crate::clique::{Budget, Meter, Outcome};
-use crate::graph::Hypergraph;
+use crate::graph::{Hypergraph, bits};
 
 /// A largest set of vertices of which every `k` are an edge, proved largest unless the budget ends first.
 ///
@@ -20,7 +20,9 @@ use crate::graph::Hypergraph;
 pub fn maximum(graph: &Hypergraph, budget: &Budget) -> Outcome {
     let mut meter = Meter::new(budget);
     let start = greedy(graph);
-    let better = Search::new(graph, start.len(), &mut meter).run(&[]);
+    let mut all = vec![0; graph.words()];
+    (0..graph.len()).for_each(|v| bits::insert(&mut all, v));
+    let better = Search::new(graph, all, None, start.len(), &mut meter).run();
     finish(graph, better.unwrap_or(start), graph.len(), &meter)
 }
 

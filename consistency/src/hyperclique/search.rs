@@ -4,7 +4,7 @@ use crate::clique::Meter;
 use crate::graph::hypergraph::Combinations;
 use crate::graph::{Hypergraph, bits};
 
-/// Searches hypercliques which hold all of `fixed`.
+/// Searches hypercliques.
 ///
 /// For a chosen set `Q` the candidates are the vertices that form an edge with every `k-1` of `Q`, and two candidates
 /// are *joined* if they form an edge with every `k-2` of `Q`. The rest of a hyperclique is a clique of that graph,
@@ -18,6 +18,8 @@ pub(super) struct Search<'a> {
     pub(super) found: Option<Vec<usize>>,
     /// The search ends when a hyperclique of this size is found.
     pub(super) target: usize,
+    /// The vertex that all hypercliques searched hold.
+    fixed: Option<usize>,
     meter: &'a mut Meter,
 }
 
@@ -29,34 +31,33 @@ struct Level {
 }
 
 impl<'a> Search<'a> {
-    pub(super) fn new(graph: &'a Hypergraph, lower: usize, meter: &'a mut Meter) -> Self {
-        let words = graph.words();
-        let mut open = vec![0; words];
-        (0..graph.len()).for_each(|v| bits::insert(&mut open, v));
-        let root = Level { joined: joins(graph, lower + 1, &open), open };
+    /// For hypercliques of more than `lower` vertices, all of them `open`.
+    ///
+    /// * `fixed` – searches only those through this vertex, which is `open`.
+    pub(super) fn new(
+        graph: &'a Hypergraph,
+        open: Vec<u64>,
+        fixed: Option<usize>,
+        lower: usize,
+        meter: &'a mut Meter,
+    ) -> Self {
         Self {
             graph,
-            words,
-            levels: vec![root],
+            words: graph.words(),
+            levels: vec![root(graph, lower + 1, open, fixed)],
             path: Vec::new(),
             best: lower,
             found: None,
             target: graph.len(),
+            fixed,
             meter,
         }
     }
 
-    /// Leaves the vertices marked in `closed` out.
-    pub(super) fn close(&mut self, closed: &[bool]) {
-        for (v, _) in closed.iter().enumerate().filter(|(_, closed)| **closed) {
+    /// Runs over all hypercliques.
+    pub(super) fn run(mut self) -> Option<Vec<usize>> {
+        if let Some(v) = self.fixed {
             bits::remove(&mut self.levels[0].open, v);
-        }
-    }
-
-    /// Runs over all hypercliques that hold every vertex of `fixed`, themselves a hyperclique.
-    pub(super) fn run(mut self, fixed: &[usize]) -> Option<Vec<usize>> {
-        for &v in fixed {
-            bits::remove(&mut self.levels[self.path.len()].open, v);
             self.choose(v);
             self.path.push(v);
         }
@@ -151,29 +152,38 @@ fn first(set: &[u64]) -> Option<usize> {
     bits::iter(set).next()
 }
 
-/// Pairs that can be part of a hyperclique of `size` vertices: enough edges hold both.
-fn joins(graph: &Hypergraph, size: usize, open: &[u64]) -> Vec<u64> {
-    let (n, words, order) = (graph.len(), graph.words(), graph.order());
-    let mut joined = vec![0; n * words];
-    for v in 0..n {
-        joined[v * words..(v + 1) * words].copy_from_slice(open);
-        bits::remove(&mut joined[v * words..(v + 1) * words], v);
+/// Candidates for hypercliques of `size` vertices, and which pairs of them can be part of one: enough edges hold both.
+fn root(graph: &Hypergraph, size: usize, mut open: Vec<u64>, fixed: Option<usize>) -> Level {
+    let (words, order) = (graph.words(), graph.order());
+    let row = |v: usize| v * words..(v + 1) * words;
+    let mut joined = vec![0; graph.len() * words];
+    let few = |a: usize, b: usize| bits::count(graph.row(&[a.min(b), a.max(b)])) < size - 2;
+    if order == 3
+        && size >= order
+        && let Some(v) = fixed
+    {
+        let far: Vec<usize> = bits::iter(&open).filter(|&u| u != v && few(u, v)).collect();
+        far.into_iter().for_each(|u| bits::remove(&mut open, u));
     }
-    if order == 2 {
-        for v in 0..n {
-            joined[v * words..(v + 1) * words].copy_from_slice(graph.row(&[v]));
-        }
+    for v in bits::iter(&open) {
+        let all = if order == 2 { graph.row(&[v]) } else { &open };
+        joined[row(v)].copy_from_slice(all);
+        bits::remove(&mut joined[row(v)], v);
     }
-    if order != 3 || size < order {
-        return joined;
-    }
-    for a in 0..n {
-        for b in 0..a {
-            if bits::count(graph.row(&[b, a])) < size - 2 {
-                bits::remove(&mut joined[a * words..(a + 1) * words], b);
-                bits::remove(&mut joined[b * words..(b + 1) * words], a);
+    if order == 3 && size >= order {
+        for a in bits::iter(&open) {
+            // Only pairs that form an edge with a fixed vertex matter.
+            let through = fixed.filter(|&v| v != a).map(|v| graph.row(&[a.min(v), a.max(v)]));
+            let others = |block: usize| open[block] & through.map_or(u64::MAX, |row| row[block]);
+            let others =
+                (0..=a / 64).flat_map(|block| bits::iter_word(others(block)).map(move |b| 64 * block + b));
+            for b in others.take_while(|&b| b < a) {
+                if few(a, b) {
+                    bits::remove(&mut joined[row(a)], b);
+                    bits::remove(&mut joined[row(b)], a);
+                }
             }
         }
     }
-    joined
+    Level { open, joined }
 }

@@ -65,12 +65,13 @@ impl Buckets {
     /// Calls `visit` with every point of the buckets around `p`; the caller checks the distance.
     #[inline]
     pub(super) fn around(&self, p: &Point2<f64>, mut visit: impl FnMut(usize)) {
-        let x = ((p.x - self.corner.x) * self.inverse_side).floor();
-        let y = ((p.y - self.corner.y) * self.inverse_side).floor();
-        if x < -1.0 || y < -1.0 || x > self.columns as f64 || y > self.rows as f64 {
+        let x = (p.x - self.corner.x) * self.inverse_side;
+        let y = (p.y - self.corner.y) * self.inverse_side;
+        if !(x >= -1.0 && y >= -1.0 && x <= self.columns as f64 + 1.0 && y <= self.rows as f64 + 1.0) {
             return;
         }
-        let (x, y) = (x as i64, y as i64);
+        // Rounded down, which a cast does only of what is positive.
+        let (x, y) = ((x + 1.0) as i64 - 1, (y + 1.0) as i64 - 1);
         let (x0, x1) = ((x - 1).max(0) as usize, ((x + 1) as usize).min(self.columns - 1));
         let (y0, y1) = ((y - 1).max(0) as usize, ((y + 1) as usize).min(self.rows - 1));
         for row in y0..=y1 {

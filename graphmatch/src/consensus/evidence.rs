@@ -1,4 +1,5 @@
 use std::f64::consts::TAU;
+use std::sync::LazyLock;
 
 use nalgebra::{Isometry2, Point2};
 
@@ -74,7 +75,7 @@ fn without_strays(problem: &Problem, found: &Explanation) -> Option<Explanation>
 const STRAY_CHI2: f64 = 5.99;
 
 /// One-to-one pairs within `gate` standard deviations under `transform`, the best pair first come.
-fn matches(problem: &Problem, transform: &Isometry2<f64>, gate: f64) -> Vec<(usize, usize)> {
+pub(super) fn matches(problem: &Problem, transform: &Isometry2<f64>, gate: f64) -> Vec<(usize, usize)> {
     let mut close = Vec::new();
     for (a, p) in problem.p2.iter().enumerate() {
         let moved = transform * p;
@@ -115,7 +116,11 @@ pub(super) fn ties(problem: &Problem, pairs: &[(usize, usize)]) -> Vec<Tie> {
 /// of the structure it is, no number of such pairs can tell.
 pub(super) const ONCE: f64 = 2.0;
 
-fn weigh(problem: &Problem, transform: Isometry2<f64>, pairs: Vec<(usize, usize)>) -> Option<Explanation> {
+pub(super) fn weigh(
+    problem: &Problem,
+    transform: Isometry2<f64>,
+    pairs: Vec<(usize, usize)>,
+) -> Option<Explanation> {
     let (mut distinct_sum, mut repeated_sum, mut repeated) = (0.0, 0.0, 0);
     for &(i, a) in &pairs {
         let distance_sq = (problem.p1[i] - transform * problem.p2[a]).norm_squared();
@@ -145,7 +150,7 @@ fn weigh(problem: &Problem, transform: Isometry2<f64>, pairs: Vec<(usize, usize)
         return None;
     }
     let peak = 1.5 * TAU.ln() - 0.5 * determinant.ln();
-    let log_evidence = log_likelihood + peak + log_prior(problem, &common);
+    let log_evidence = log_likelihood + peak + log_prior(problem, &transform, common.share);
     let discounted = (1.0 - weight) * repeated_sum;
     Some(Explanation {
         map1_from_map2: transform,
@@ -214,14 +219,34 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// Density of the transform before looking at the objects: any angle, and any overlap as likely as any other.
+/// Density of the transform before looking at the objects: any angle; as likely as not both robots were sent over one area, else
+/// any overlap is as likely as any other.
 ///
+/// ```text
+/// 1 / (2π s²) · ( ½ / (−ln f) + ½ (s / σ)² exp(−d² / 2σ²) / 2π )
+/// ```
+/// where s is the sum of both areas' sides, f the share of the objects in the common area, d the distance of the areas' middles
+/// and σ what this distance is known to; the second term only where no map repeats itself.
 /// Poses spread evenly over the plane would overlap by a share f with density −ln f (two squares), mostly hardly at
 /// all; robots that compare maps were not dropped at random, so poses are weighed by 1/(−ln f).
-fn log_prior(problem: &Problem, common: &Common) -> f64 {
-    let side = problem.window1.area.sqrt() + problem.window2.area.sqrt();
-    -(TAU * side * side).ln() - (-common.share.min(0.95).ln()).ln()
+fn log_prior(problem: &Problem, transform: &Isometry2<f64>, share: f64) -> f64 {
+    let (window1, window2) = (&problem.window1, &problem.window2);
+    let sides = window1.area.sqrt() + window2.area.sqrt();
+    let objects = [window1, window2].map(|w| (w.objects.max(1) as f64).recip()).iter().sum::<f64>();
+    let scatter = SAME_AREA.powi(2) + HULL_CENTRE.powi(2) * objects;
+    let variance = 0.25 * sides * sides * scatter;
+    let apart = (window1.centre - transform * window2.centre).norm_squared();
+    let same = sides * sides / (TAU * variance) * (-0.5 * apart / variance).exp();
+    let partly = (-share.min(0.95).ln()).recip();
+    // A map that repeats itself is a stretch of something longer: where its middle lies tells nothing.
+    let one_area = if problem.repeats() { 0.0 } else { 0.5 };
+    -(TAU * sides * sides).ln() + ((1.0 - one_area) * partly + one_area * same).ln()
 }
+
+/// Standard deviation of the middle of an area from where a robot is sent, in sides of the area.
+const SAME_AREA: f64 = 0.03;
+/// Standard deviation of a coordinate of the centre of the hull of n points spread over a square, in sides over √n.
+const HULL_CENTRE: f64 = 0.15;
 
 /// What the unmatched objects say: with detection probability q, uniform on 0 … 1, of a shared object
 ///
@@ -232,17 +257,21 @@ fn log_prior(problem: &Problem, common: &Common) -> f64 {
 /// where m₁, m₂ objects lie in the area that both maps cover, k of them are paired, and Λ = (m₁ + m₂)/2: the
 /// ratio of a Poisson field thinned to the common objects over two independent fields of the same density.
 fn log_detection(inside: f64, paired: f64) -> f64 {
-    const STEPS: usize = 32;
     let (lone, mean) = ((inside - 2.0 * paired).max(0.0), 0.5 * inside);
-    let mut values = [0.0; STEPS];
-    for (step, value) in values.iter_mut().enumerate() {
-        let q = (step as f64 + 0.5) / STEPS as f64;
-        *value = mean * q + paired * q.ln() + lone * (-q).ln_1p();
-    }
+    let values = DETECTION.map(|[q, log_q, log_rest]| mean * q + paired * log_q + lone * log_rest);
     let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = values.iter().map(|value| (value - largest).exp()).sum();
     largest + (sum / STEPS as f64).ln()
 }
+
+const STEPS: usize = 32;
+/// q, log q and log(1 − q) at the middles of equal steps.
+static DETECTION: LazyLock<[[f64; 3]; STEPS]> = LazyLock::new(|| {
+    std::array::from_fn(|step| {
+        let q = (step as f64 + 0.5) / STEPS as f64;
+        [q, q.ln(), (-q).ln_1p()]
+    })
+});
 
 /// Middle of a set of points.
 pub(super) fn middle(points: &[Point2<f64>]) -> Point2<f64> {

@@ -81,6 +81,8 @@ struct Votes {
     distinct: Vec<f64>,
     repeated: Vec<f64>,
     any_repeated: bool,
+    /// A bit for each bin with a change.
+    touched: Vec<u64>,
 }
 
 impl Votes {
@@ -89,15 +91,25 @@ impl Votes {
     fn new(problem: &Problem, longest: f64) -> Self {
         let narrowest = problem.params.gate * problem.largest_sigma / longest.max(1e-9);
         let bins = ((TAU / narrowest).min(1024.0) as usize).next_power_of_two().clamp(64, 1024);
-        Self { distinct: vec![0.0; bins], repeated: vec![0.0; bins], any_repeated: false }
+        Self {
+            distinct: vec![0.0; bins],
+            repeated: vec![0.0; bins],
+            any_repeated: false,
+            touched: vec![0; bins.div_ceil(64)],
+        }
+    }
+
+    fn clear(&mut self) {
+        for k in set_bits(&self.touched) {
+            self.distinct[k] = 0.0;
+            self.repeated[k] = 0.0;
+        }
+        self.touched.fill(0);
+        self.any_repeated = false;
     }
 
     fn collect(&mut self, problem: &Problem, (i, a): (usize, usize), from1: &[Ray], from2: &[Ray]) {
-        self.distinct.fill(0.0);
-        if self.any_repeated {
-            self.repeated.fill(0.0);
-            self.any_repeated = false;
-        }
+        self.clear();
         let cut = problem.params.gate * std::f64::consts::SQRT_2 * problem.largest_sigma;
         let own_variance = problem.variance(i, a);
         let mut low = 0;
@@ -105,22 +117,28 @@ impl Votes {
             while low < from2.len() && from2[low].distance < ray1.distance - cut {
                 low += 1;
             }
+            let (gains, variances) = problem.row(ray1.object);
+            let repeated1 = problem.repeated1[ray1.object];
+            let per_deviation = 2.0 / ray1.distance;
             for ray2 in from2[low..].iter().take_while(|ray2| ray2.distance <= ray1.distance + cut) {
-                let gain = problem.gain(ray1.object, ray2.object);
+                let gain = gains[ray2.object];
                 if gain <= 0.0 {
                     continue;
                 }
                 // The difference of two edges of equal pairs has the variance of both their ends.
-                let variance = own_variance + problem.variance(ray1.object, ray2.object);
+                let variance = own_variance + variances[ray2.object];
                 let difference = ray1.distance - ray2.distance;
                 let weight = gain - 0.5 * difference * difference / variance;
                 if weight > 0.0 {
                     // Two standard deviations: wider votes make more turns look alike than right ones gain.
-                    let width = 2.0 * variance.sqrt() / ray1.distance;
-                    let repeated = problem.is_repeated(ray1.object, ray2.object);
+                    let half_width = (per_deviation * variance.sqrt()).min(0.5 * PI);
+                    let repeated = repeated1 || problem.repeated2[ray2.object];
                     self.any_repeated |= repeated;
                     let changes = if repeated { &mut self.repeated } else { &mut self.distinct };
-                    add(changes, ray1.angle - ray2.angle, width.min(0.5 * PI), weight);
+                    for (bin, change) in vote(changes.len(), ray1.angle - ray2.angle, half_width, weight) {
+                        changes[bin] += change;
+                        self.touched[bin / 64] |= 1 << (bin % 64);
+                    }
                 }
             }
         }
@@ -129,53 +147,85 @@ impl Votes {
     /// Largest sum, that of the pivot included, and its turn; `None` without votes.
     fn best(&self, problem: &Problem, (i, a): (usize, usize)) -> Option<(f64, f64)> {
         let own = problem.gain(i, a);
-        let is_repeated = problem.is_repeated(i, a);
+        let bins = self.distinct.len();
         if !self.any_repeated {
-            let (votes, angle) = peak(self.distinct.iter().copied())?;
+            let (votes, angle) = peak(bins, set_bits(&self.touched).map(|k| (k, self.distinct[k])))?;
             return Some((votes + own, angle));
         }
         let most = ONCE * problem.place;
-        let (own_distinct, own_repeated) = if is_repeated { (0.0, own) } else { (own, 0.0) };
+        let (own_distinct, own_repeated) = if problem.is_repeated(i, a) { (0.0, own) } else { (own, 0.0) };
         let (mut distinct, mut repeated, mut last) = (0.0, 0.0, 0.0);
-        let sums = self.distinct.iter().zip(&self.repeated).map(|(d, r)| {
-            distinct += d;
-            repeated += r;
+        let sums = set_bits(&self.touched).map(|k| {
+            distinct += self.distinct[k];
+            repeated += self.repeated[k];
             let sum = distinct + (own_repeated + repeated).min(most.max(own_repeated));
             let change = sum - last;
             last = sum;
-            change
+            (k, change)
         });
-        let (sum, angle) = peak(sums)?;
+        let (sum, angle) = peak(bins, sums)?;
         Some((sum + own_distinct, angle))
     }
 }
 
-fn add(changes: &mut [f64], angle: f64, half_width: f64, weight: f64) {
-    let bins = changes.len();
+/// Where a vote for the turns about `angle` begins and ends, on a circle of `bins`, a power of two.
+fn vote(bins: usize, angle: f64, half_width: f64, weight: f64) -> [(usize, f64); 3] {
     let scale = bins as f64 / TAU;
     // Angles lie in (-2π, 2π) and widths below π/2: three turns up makes all positive.
-    let bin = |x: f64| ((x + 3.0 * TAU) * scale) as usize & (bins - 1);
+    let bin = |x: f64| ((x + 3.0 * TAU) * scale) as u32 as usize & (bins - 1);
     let (from, to) = (bin(angle - half_width), (bin(angle + half_width) + 1) & (bins - 1));
-    changes[from] += weight;
-    changes[to] -= weight;
-    if to < from {
-        changes[0] += weight;
-    }
+    [(from, weight), (to, -weight), (0, if to < from { weight } else { 0.0 })]
 }
 
 /// Largest running sum of changes over a circle and the turn in the middle of where it holds; `None` if it is not
 /// above 0.
-fn peak(changes: impl ExactSizeIterator<Item = f64>) -> Option<(f64, f64)> {
-    let bins = changes.len();
-    let (mut sum, mut best, mut from, mut to) = (0.0, 0.0, 0, 0);
-    for (k, change) in changes.enumerate() {
+///
+/// * `changes` – of the bins that have one, in order.
+fn peak(bins: usize, changes: impl Iterator<Item = (usize, f64)>) -> Option<(f64, f64)> {
+    let (mut sum, mut best, mut from, mut to) = (0.0, 0.0, 0, None);
+    for (k, change) in changes {
         sum += change;
         if sum > best + 1e-9 {
-            (best, from, to) = (sum, k, k);
-        } else if to + 1 == k && sum >= best - 1e-9 {
-            to = k;
+            (best, from, to) = (sum, k, None);
+        } else if to.is_none() && sum < best - 1e-9 {
+            to = Some(k);
         }
     }
-    let middle = 0.5 * (from + to + 1) as f64 * TAU / bins as f64;
+    let middle = 0.5 * (from + to.unwrap_or(bins)) as f64 * TAU / bins as f64;
     (best > 0.0).then_some((best, middle))
+}
+
+/// Indices of the bits that are set, ascending.
+fn set_bits(words: &[u64]) -> impl Iterator<Item = usize> + '_ {
+    words.iter().enumerate().flat_map(|(number, &word)| {
+        std::iter::successors((word != 0).then_some(word), |left| {
+            let left = left & (left - 1);
+            (left != 0).then_some(left)
+        })
+        .map(move |left| number * 64 + left.trailing_zeros() as usize)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_that_are_set_come_in_order() {
+        let words = [0b1001, 0, 1 << 63, 1];
+        assert_eq!(set_bits(&words).collect::<Vec<_>>(), [0, 3, 191, 192]);
+    }
+
+    #[test]
+    fn peak_is_where_most_votes_overlap() {
+        // Turns from -0.1 to 0.1 (around the circle's end) and from 0.0 to 0.2: both hold from 0.0 to 0.1.
+        let bins = 1024;
+        let mut changes = vec![0.0; bins];
+        for (bin, change) in [(0.0, 2.0), (0.1, 3.0)].iter().flat_map(|&(at, w)| vote(bins, at, 0.1, w)) {
+            changes[bin] += change;
+        }
+        let (votes, angle) = peak(bins, changes.into_iter().enumerate()).unwrap();
+        assert_eq!(votes, 5.0);
+        assert!((angle - 0.05).abs() < TAU / bins as f64, "{angle}");
+    }
 }

@@ -6,6 +6,7 @@ mod continuation;
 mod evidence;
 mod hypotheses;
 mod modes;
+mod polish;
 mod problem;
 mod repeated;
 mod window;
@@ -37,8 +38,8 @@ pub struct ConsensusParams {
     pub mode_distance: f64,
     /// Transforms that differ by less than this are one mode, if `mode_distance` agrees; radians. Default 10°.
     pub mode_angle: f64,
-    /// Least share of the best mode among all modes for [`Verdict::Unique`](crate::Verdict::Unique). Default 0.88,
-    /// 2 nats ahead of all others together.
+    /// Least share of the best mode among all modes for [`Verdict::Unique`](crate::Verdict::Unique). Default 0.92,
+    /// 2.4 nats ahead of all others together.
     pub unique_probability: f64,
     /// Logarithm of the odds, before looking, that the maps have nothing in common; below it a best mode is
     /// [`Verdict::None`](crate::Verdict::None). Default −2.5: robots compare maps when they expect an overlap.
@@ -59,7 +60,7 @@ impl Default for ConsensusParams {
             max_modes: 5,
             mode_distance: 2.0,
             mode_angle: 10_f64.to_radians(),
-            unique_probability: 0.88,
+            unique_probability: 0.92,
             log_odds_nothing: -2.5,
             min_pairs: 4,
         }

@@ -6,6 +6,7 @@ use super::alike::Alike;
 use super::continuation::{ONE_STRUCTURE, continues};
 use super::evidence::{Explanation, middle, refine, ties};
 use super::hypotheses::{Ray, hypotheses, rays};
+use super::polish::polish;
 use super::problem::Problem;
 use super::repeated::{central, repeated};
 use crate::object::check_map;
@@ -69,8 +70,8 @@ fn separate_modes(problem: &Problem, rays1: &[Vec<Ray>], rays2: &[Vec<Ray>]) -> 
             break;
         }
         let known = found.iter().any(|e| {
-            e.pairs.binary_search(&hypothesis.pivot).is_ok()
-                && same_mode(problem.params, &centre, &e.map1_from_map2, &hypothesis.map1_from_map2)
+            same_mode(problem.params, &centre, &e.map1_from_map2, &hypothesis.map1_from_map2)
+                && e.pairs.binary_search(&hypothesis.pivot).is_ok()
         });
         if known {
             continue;
@@ -87,8 +88,40 @@ fn separate_modes(problem: &Problem, rays1: &[Vec<Ray>], rays2: &[Vec<Ray>]) -> 
             None => found.push(explanation),
         }
     }
+    polished(problem, &centre, found)
+}
+
+/// Evidence, in nats, behind the best that leaving out wrong pairs may make up for.
+const WITHIN_REACH: f64 = 10.0;
+
+/// Explanations, best first, those near the best without their wrong pairs.
+fn polished(problem: &Problem, centre: &Point2<f64>, mut found: Vec<Explanation>) -> Vec<Explanation> {
+    if problem.repeats() {
+        // Which pairs of a structure stand for it is not told by their worth, which counts for little.
+        sort(&mut found);
+        return found;
+    }
+    let best = found.iter().map(|e| e.log_evidence).fold(f64::NEG_INFINITY, f64::max);
+    let (near, mut rest): (Vec<_>, Vec<_>) =
+        found.into_iter().partition(|e| e.log_evidence >= best - WITHIN_REACH);
+    let mut near: Vec<Explanation> = near.into_iter().map(|e| polish(problem, e)).collect();
+    sort(&mut near);
+    sort(&mut rest);
+    let mut separate: Vec<Explanation> = Vec::with_capacity(near.len() + rest.len());
+    for e in near {
+        let same =
+            |known: &Explanation| same_mode(problem.params, centre, &known.map1_from_map2, &e.map1_from_map2);
+        if !separate.iter().any(same) {
+            separate.push(e);
+        }
+    }
+    separate.append(&mut rest);
+    separate
+}
+
+/// The best first.
+fn sort(found: &mut [Explanation]) {
     found.sort_by(|x, y| y.log_evidence.total_cmp(&x.log_evidence));
-    found
 }
 
 /// Explanations, the best first, of which it is asked whether a structure goes on: more than come near the best.
@@ -101,7 +134,7 @@ fn favour_one_structure(problem: &Problem, shifts: &[Isometry2<f64>], found: &mu
             explanation.log_evidence += ONE_STRUCTURE;
         }
     }
-    found.sort_by(|x, y| y.log_evidence.total_cmp(&x.log_evidence));
+    sort(found);
 }
 
 pub(super) fn same_mode(

@@ -90,6 +90,12 @@ impl<'a> Problem<'a> {
         self.gain[i * self.p2.len() + a]
     }
 
+    /// Gains and variances of all pairs with object `i` of map 1.
+    pub(super) fn row(&self, i: usize) -> (&[f64], &[f64]) {
+        let row = i * self.p2.len()..(i + 1) * self.p2.len();
+        (&self.gain[row.clone()], &self.variance[row])
+    }
+
     /// Whether a pair is one of many that stand or fall together.
     pub(super) fn is_repeated(&self, i: usize, a: usize) -> bool {
         self.repeated1[i] || self.repeated2[a]
@@ -108,7 +114,8 @@ impl<'a> Problem<'a> {
         self.params.min_pairs as f64 * self.place
     }
 
-    fn repeats(&self) -> bool {
+    /// Whether either map repeats itself.
+    pub(super) fn repeats(&self) -> bool {
         self.repeated1.contains(&true) || self.repeated2.contains(&true)
     }
 

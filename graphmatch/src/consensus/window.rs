@@ -1,4 +1,6 @@
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
+
+use super::evidence::middle;
 
 /// The area a map covers: the convex hull of its objects, grown to what objects spread evenly would need.
 #[derive(Debug, Clone)]
@@ -6,6 +8,10 @@ pub(super) struct Window {
     /// Corners, counter-clockwise.
     corners: Vec<Point2<f64>>,
     pub(super) area: f64,
+    /// Centre of the hull's area.
+    pub(super) centre: Point2<f64>,
+    /// Objects that the hull was drawn about.
+    pub(super) objects: usize,
 }
 
 impl Window {
@@ -15,9 +21,10 @@ impl Window {
         // A hull misses about h/n of the area its n points are spread over, h being its corners (Efron 1965).
         let n = points.len().max(1) as f64;
         let kept = (1.0 - hull.len() as f64 / n).max(0.3);
-        let grown = grow(&hull, kept.sqrt().recip(), margin);
+        let centre = centre_of_area(&hull);
+        let grown = grow(&hull, &centre, kept.sqrt().recip(), margin);
         let area = polygon_area(&grown).max(4.0 * margin * margin);
-        Self { corners: grown, area }
+        Self { corners: grown, area, centre, objects: points.len() }
     }
 
     pub(super) fn contains(&self, p: &Point2<f64>) -> bool {
@@ -34,13 +41,24 @@ fn polygon_area(corners: &[Point2<f64>]) -> f64 {
     0.5 * (0..n).map(|k| corners[k].coords.perp(&corners[(k + 1) % n].coords)).sum::<f64>()
 }
 
-fn grow(hull: &[Point2<f64>], factor: f64, margin: f64) -> Vec<Point2<f64>> {
-    let n = hull.len().max(1) as f64;
-    let centre = hull.iter().fold(nalgebra::Vector2::zeros(), |sum, p| sum + p.coords) / n;
+/// Centre of a convex polygon's area, of its corners if it has none.
+fn centre_of_area(corners: &[Point2<f64>]) -> Point2<f64> {
+    let n = corners.len();
+    let (mut sum, mut area) = (Vector2::zeros(), 0.0);
+    for k in 1..n.saturating_sub(1) {
+        // Triangles about the first corner.
+        let (a, b) = (corners[k] - corners[0], corners[k + 1] - corners[0]);
+        sum += (a + b) * a.perp(&b);
+        area += a.perp(&b);
+    }
+    if area > 0.0 { corners[0] + sum / (3.0 * area) } else { middle(corners) }
+}
+
+fn grow(hull: &[Point2<f64>], centre: &Point2<f64>, factor: f64, margin: f64) -> Vec<Point2<f64>> {
     // The hull of the grown corners with a square of the margin around each: valid for segments and points too.
     let mut corners = Vec::with_capacity(4 * hull.len());
     for p in hull {
-        let q = centre + (p.coords - centre) * factor;
+        let q = centre + (p - centre) * factor;
         for (dx, dy) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
             corners.push(Point2::new(q.x + dx * margin, q.y + dy * margin));
         }
@@ -88,6 +106,16 @@ mod tests {
         let hull = convex_hull(&points.map(|(x, y)| Point2::new(x, y)));
         assert_eq!(hull.len(), 4);
         assert_eq!(polygon_area(&hull), 4.0);
+    }
+
+    #[test]
+    fn centre_of_area_is_not_that_of_the_corners() {
+        // A square of side 2 with a triangle of height 3 on its right side: areas 4 and 3, centres at x = 1 and 3.
+        let corners = [(0.0, 0.0), (2.0, 0.0), (5.0, 1.0), (2.0, 2.0), (0.0, 2.0)];
+        let centre = centre_of_area(&corners.map(|(x, y)| Point2::new(x, y)));
+        assert!((centre - Point2::new(13.0 / 7.0, 1.0)).norm() < 1e-12, "{centre}");
+        let segment = [Point2::new(0.0, 0.0), Point2::new(4.0, 2.0)];
+        assert_eq!(centre_of_area(&segment), Point2::new(2.0, 1.0));
     }
 
     #[test]

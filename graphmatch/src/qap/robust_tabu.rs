@@ -59,16 +59,17 @@ struct Search<'a> {
     /// `b[p(i), p(j)]` by columns and by rows, kept current: the changes read it in order.
     placed: Vec<f64>,
     placed_rows: Vec<f64>,
-    /// Change of cost when i and j swap, for i < j, at `i * n + j`.
+    /// `Σ_k a[i,k] b[p(j), p(k)] + a[k,i] b[p(k), p(j)]` at `i * n + j`, kept current.
+    gradient: Vec<f64>,
+    /// All i < j, row by row.
+    pairs: Vec<(usize, usize)>,
+    /// Change of cost when the objects of a pair swap.
     change: Vec<f64>,
     /// Swap at which object i may return to place k, at `i * n + k`.
     barred_until: Vec<f64>,
-    /// The earlier and the later end of the bars that swapping i and j would break, for i < j, at `i * n + j`.
+    /// The earlier and the later end of the bars that swapping a pair would break.
     earlier: Vec<f64>,
     later: Vec<f64>,
-    /// Whether both matrices are, which saves half of the sums.
-    symmetric: bool,
-    sums: Vec<f64>,
 }
 
 struct Run<'a, R> {
@@ -90,6 +91,7 @@ impl<R: Rng> WithSimd for Run<'_, R> {
 impl<'a> Search<'a> {
     fn new(problem: &'a Qap, image: Vec<usize>) -> Self {
         let n = image.len();
+        let pairs: Vec<(usize, usize)> = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).collect();
         let mut search = Self {
             problem,
             a_rows: problem.a().transpose(),
@@ -98,12 +100,12 @@ impl<'a> Search<'a> {
             placed: vec![0.0; n * n],
             placed_rows: vec![0.0; n * n],
             image,
-            change: vec![0.0; n * n],
+            gradient: vec![0.0; n * n],
+            change: vec![0.0; pairs.len()],
             barred_until: (0..n * n).map(|k| -((n * (k / n) + k % n) as f64)).collect(),
-            earlier: vec![0.0; n * n],
-            later: vec![0.0; n * n],
-            symmetric: *problem.a() == problem.a().transpose() && *problem.b() == problem.b().transpose(),
-            sums: vec![0.0; n],
+            earlier: vec![0.0; pairs.len()],
+            later: vec![0.0; pairs.len()],
+            pairs,
         };
         for j in 0..n {
             for i in 0..n {
@@ -113,10 +115,25 @@ impl<'a> Search<'a> {
             }
         }
         for i in 0..n {
+            for j in 0..n {
+                let term = |k: usize| {
+                    problem.a()[(i, k)] * search.placed[k * n + j]
+                        + problem.a()[(k, i)] * search.placed[j * n + k]
+                };
+                search.gradient[i * n + j] = (0..n).map(term).sum();
+            }
+        }
+        for i in 0..n {
             search.count_changes(i);
             search.renew_bars(i);
         }
         search
+    }
+
+    /// Where the pair of `i` and `j` is.
+    fn at(&self, i: usize, j: usize) -> usize {
+        let (i, j) = (i.min(j), i.max(j));
+        i * (2 * self.n - i - 1) / 2 + (j - i - 1)
     }
 
     #[inline(always)]
@@ -144,37 +161,34 @@ impl<'a> Search<'a> {
     /// The best swap that is allowed: not barred, or a new best, or not made for long.
     #[inline(always)]
     fn choose<S: Simd>(&self, simd: S, now: f64, aspiration: f64, best: f64) -> Option<(usize, usize)> {
-        let n = self.n;
         let (gain, old) = (best - self.cost, now - aspiration);
-        // Least change of all allowed swaps and of those that aspire, with the row of each.
-        let (mut allowed, mut aspired) = ((f64::INFINITY, n), (f64::INFINITY, n));
-        for i in 0..n {
-            let run = i * n + i + 1..(i + 1) * n;
-            let row = [&self.change[run.clone()], &self.earlier[run.clone()], &self.later[run]];
-            let (free, eager) = least_of_row(simd, row, [now, old, gain]);
+        // Least change of all allowed swaps and of those that aspire, with where to look for it.
+        let (mut allowed, mut aspired) = ((f64::INFINITY, 0), (f64::INFINITY, 0));
+        let chunks = self.change.chunks(CHUNK).zip(self.earlier.chunks(CHUNK)).zip(self.later.chunks(CHUNK));
+        for (number, ((change, earlier), later)) in chunks.enumerate() {
+            let (free, eager) = least(simd, [change, earlier, later], [now, old, gain]);
             if free < allowed.0 {
-                allowed = (free, i);
+                allowed = (free, number * CHUNK);
             }
             if eager < aspired.0 {
-                aspired = (eager, i);
+                aspired = (eager, number * CHUNK);
             }
         }
         let eager = aspired.0 < f64::INFINITY;
-        let (least, i) = if eager { aspired } else { allowed };
-        (i + 1..n)
-            .find(|&j| {
-                let k = i * n + j;
+        let (least, from) = if eager { aspired } else { allowed };
+        (from..self.change.len().min(from + CHUNK))
+            .find(|&k| {
                 let change = self.change[k];
                 let may = if eager { self.later[k] < old || change < gain } else { self.earlier[k] < now };
                 may && change == least
             })
-            .map(|j| (i, j))
+            .map(|k| self.pairs[k])
     }
 
     #[inline(always)]
     fn swap(&mut self, r: usize, s: usize) {
         let n = self.n;
-        self.cost += self.change[r * n + s];
+        self.cost += self.change[self.at(r, s)];
         self.image.swap(r, s);
         for matrix in [&mut self.placed, &mut self.placed_rows] {
             for k in 0..n {
@@ -183,6 +197,7 @@ impl<'a> Search<'a> {
             let (head, tail) = matrix.split_at_mut(r.max(s) * n);
             head[r.min(s) * n..][..n].swap_with_slice(&mut tail[..n]);
         }
+        self.shift_gradient(r, s);
         self.shift_changes(r, s);
         for k in [r, s] {
             self.count_changes(k);
@@ -190,19 +205,34 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Corrects the gradient after r and s have swapped.
+    #[inline(always)]
+    fn shift_gradient(&mut self, r: usize, s: usize) {
+        let n = self.n;
+        let (a, a_rows) = (self.problem.a().as_slice(), self.a_rows.as_slice());
+        let (b_to, b_from) = (minus(&self.placed, n, r, s), minus(&self.placed_rows, n, r, s));
+        for (i, row) in self.gradient.chunks_exact_mut(n).enumerate() {
+            row.swap(r, s);
+            let to = a[r * n + i] - a[s * n + i];
+            let from = a_rows[r * n + i] - a_rows[s * n + i];
+            for ((sum, b_to), b_from) in row.iter_mut().zip(&b_to).zip(&b_from) {
+                *sum += to * b_to + from * b_from;
+            }
+        }
+    }
+
     /// Corrects the changes of all swaps that touch neither r nor s, which have just swapped.
     #[inline(always)]
     fn shift_changes(&mut self, r: usize, s: usize) {
         let n = self.n;
-        // Differences of the swapped two against every other, once instead of once a pair.
-        let minus = |m: &[f64], p: usize, q: usize| -> Vec<f64> {
-            m[p * n..][..n].iter().zip(&m[q * n..][..n]).map(|(p, q)| p - q).collect()
-        };
         let (a, a_rows) = (self.problem.a().as_slice(), self.a_rows.as_slice());
-        let (a_to, a_from) = (minus(a_rows, r, s), minus(a, r, s));
-        let (b_to, b_from) = (minus(&self.placed_rows, s, r), minus(&self.placed, s, r));
+        // Differences of the swapped two against every other, once instead of once a pair.
+        let (a_to, a_from) = (minus(a_rows, n, r, s), minus(a, n, r, s));
+        let (b_to, b_from) = (minus(&self.placed_rows, n, s, r), minus(&self.placed, n, s, r));
+        let mut rest = self.change.as_mut_slice();
         for i in 0..n {
-            let row = &mut self.change[i * n + i + 1..(i + 1) * n];
+            let (row, next) = rest.split_at_mut(n - 1 - i);
+            rest = next;
             let (at, af, bt, bf) = (a_to[i], a_from[i], b_to[i], b_from[i]);
             let (tos, froms) = (&a_to[i + 1..], &a_from[i + 1..]);
             let (b_tos, b_froms) = (&b_to[i + 1..], &b_from[i + 1..]);
@@ -218,25 +248,20 @@ impl<'a> Search<'a> {
     #[inline(always)]
     fn count_changes(&mut self, i: usize) {
         let n = self.n;
-        let (a, a_rows) = (self.problem.a().as_slice(), self.a_rows.as_slice());
-        let (b, b_rows) = (self.placed.as_slice(), self.placed_rows.as_slice());
-        let sums = &mut self.sums;
-        sums.fill(0.0);
-        for k in (0..n).filter(|&k| k != i) {
-            add_products(sums, [&a_rows[k * n..][..n], &b_rows[k * n..][..n]], i);
-            if !self.symmetric {
-                add_products(sums, [&a[k * n..][..n], &b[k * n..][..n]], i);
-            }
-        }
-        let factor = if self.symmetric { 2.0 } else { 1.0 };
-        let a = |x: usize, y: usize| a[y * n + x];
-        let b = |x: usize, y: usize| b[y * n + x];
+        let g = |x: usize, y: usize| self.gradient[x * n + y];
+        let rows = self.a_rows.as_slice();
+        let a = |x: usize, y: usize| rows[x * n + y];
+        let b = |x: usize, y: usize| self.placed[y * n + x];
         for j in (0..n).filter(|&j| j != i) {
-            // The sums run over all k but i; j changes its place itself.
-            let own = (a(j, i) - a(j, j)) * (b(j, j) - b(j, i)) + (a(i, j) - a(j, j)) * (b(j, j) - b(i, j));
+            // The gradient's sums run over all k; i and j change their places themselves.
+            let own = (a(i, i) - a(j, i)) * (b(j, i) - b(i, i))
+                + (a(i, j) - a(j, j)) * (b(j, j) - b(i, j))
+                + (a(i, i) - a(i, j)) * (b(i, j) - b(i, i))
+                + (a(j, i) - a(j, j)) * (b(j, j) - b(j, i));
             let crossed =
                 (a(i, i) - a(j, j)) * (b(j, j) - b(i, i)) + (a(i, j) - a(j, i)) * (b(j, i) - b(i, j));
-            self.change[i.min(j) * n + i.max(j)] = factor * sums[j] - own + crossed;
+            let k = self.at(i, j);
+            self.change[k] = g(i, j) + g(j, i) - g(i, i) - g(j, j) - own + crossed;
         }
     }
 
@@ -246,19 +271,28 @@ impl<'a> Search<'a> {
         for j in (0..n).filter(|&j| j != i) {
             let to_j = self.barred_until[i * n + self.image[j]];
             let to_i = self.barred_until[j * n + self.image[i]];
-            let k = i.min(j) * n + i.max(j);
+            let k = self.at(i, j);
             self.earlier[k] = to_j.min(to_i);
             self.later[k] = to_j.max(to_i);
         }
     }
 }
 
-/// Least change of the swaps of a row that are free, and of those that aspire.
-///
-/// * `row` – the change of each swap, and the earlier and the later end of its bars.
+/// Pairs that are looked through at once.
+const CHUNK: usize = 128;
+
+/// Row (column) p of a matrix stored by rows (columns), less row (column) q.
 #[inline(always)]
-fn least_of_row<S: Simd>(simd: S, row: [&[f64]; 3], [now, old, gain]: [f64; 3]) -> (f64, f64) {
-    let [(changes, change_tail), (earliers, earlier_tail), (laters, later_tail)] = row.map(S::as_simd_f64s);
+fn minus(m: &[f64], n: usize, p: usize, q: usize) -> Vec<f64> {
+    m[p * n..][..n].iter().zip(&m[q * n..][..n]).map(|(p, q)| p - q).collect()
+}
+
+/// Least change of the swaps that are free, and of those that aspire.
+///
+/// * `swaps` – the change of each swap, and the earlier and the later end of its bars.
+#[inline(always)]
+fn least<S: Simd>(simd: S, swaps: [&[f64]; 3], [now, old, gain]: [f64; 3]) -> (f64, f64) {
+    let [(changes, change_tail), (earliers, earlier_tail), (laters, later_tail)] = swaps.map(S::as_simd_f64s);
     let never = simd.splat_f64s(f64::INFINITY);
     let [nows, olds, gains] = [now, old, gain].map(|x| simd.splat_f64s(x));
     let (mut free, mut eager) = (never, never);
@@ -278,13 +312,4 @@ fn least_of_row<S: Simd>(simd: S, row: [&[f64]; 3], [now, old, gain]: [f64; 3]) 
         }
     }
     (free, eager)
-}
-
-/// Adds `(a[i] − a[j]) (b[j] − b[i])` to every sum `j`.
-#[inline(always)]
-fn add_products(sums: &mut [f64], [a, b]: [&[f64]; 2], i: usize) {
-    let (x, y) = (a[i], b[i]);
-    for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-        *sum += (x - a) * (b - y);
-    }
 }

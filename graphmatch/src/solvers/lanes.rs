@@ -15,6 +15,18 @@ pub(super) fn sum(x: &[f64], value: impl Fn(f64) -> f64) -> f64 {
     tail + sums.iter().sum::<f64>()
 }
 
+/// Sum of the products of two rows of equal length.
+#[inline(always)]
+pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let (xs, ys) = (x.chunks_exact(LANES), y.chunks_exact(LANES));
+    let tail: f64 = xs.remainder().iter().zip(ys.remainder()).map(|(x, y)| x * y).sum();
+    let mut sums = [0.0; LANES];
+    for (x, y) in xs.zip(ys) {
+        sums.iter_mut().zip(x.iter().zip(y)).for_each(|(sum, (x, y))| *sum += x * y);
+    }
+    tail + sums.iter().sum::<f64>()
+}
+
 /// Largest number, at least 0.
 #[inline(always)]
 pub(super) fn largest(x: &[f64]) -> f64 {
@@ -71,6 +83,7 @@ mod tests {
     fn sums_and_largest_take_the_tail_in() {
         let x: Vec<f64> = (0..19).map(f64::from).collect();
         assert_eq!(sum(&x, |x| 2.0 * x), 342.0);
+        assert_eq!(dot(&x, &x), 2109.0);
         assert_eq!(largest(&x), 18.0);
         assert_eq!(largest(&x[..3]), 2.0);
     }

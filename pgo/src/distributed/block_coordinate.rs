@@ -98,7 +98,7 @@ impl<const N: usize, G: LieGroup<N>> Agent<G, N> {
         Ok(Self {
             robot,
             public: public.keys().filter_map(|key| slots.get(key).copied()).collect(),
-            cholesky: (problem.free() > 0).then(|| problem.cholesky()),
+            cholesky: (problem.free() > 0).then(|| problem.cholesky(&local.elimination)),
             keys: local.keys,
             poses: local.poses,
             slots,

@@ -4,6 +4,7 @@ use nalgebra::{
 };
 
 use crate::Error;
+use crate::nearest_rotation::{nearest_rotation, singular_values};
 
 /// How an estimate is moved onto the reference before errors are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -168,21 +169,13 @@ fn in_plane(c: &Matrix3<f64>, least: f64) -> Result<(UnitQuaternion<f64>, f64), 
     Ok((UnitQuaternion::from_axis_angle(&Vector3::z_axis(), sine.atan2(cosine)), norm))
 }
 
-/// The rotation that maximises `tr(Rᵀ C)`, and that maximum.
+/// The rotation that maximises `tr(Rᵀ C)`, the one nearest to `C`, and that maximum.
 fn in_space(c: &Matrix3<f64>, least: f64) -> Result<(UnitQuaternion<f64>, f64), Error> {
-    let svd = c.svd(true, true);
-    let (Some(u), Some(vt)) = (svd.u, svd.v_t) else { return Err(Error::Alignment) };
-    let d = svd.singular_values;
-    let weakest = d.imin();
     // one direction may be lost (a planar path), two may not
-    if (0..3).filter(|k| d[*k] > least).count() < 2 {
+    if singular_values(c)[1] <= least {
         return Err(Error::Alignment);
     }
-    let mut sign = Vector3::repeat(1.0);
-    if (u * vt).determinant() < 0.0 {
-        sign[weakest] = -1.0;
-    }
-    let rotation = u * Matrix3::from_diagonal(&sign) * vt;
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-    Ok((rotation, d.dot(&sign)))
+    let rotation = nearest_rotation(c);
+    let best = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    Ok((best, rotation.dot(c)))
 }

@@ -5,7 +5,8 @@ use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
 use super::{Candidate, Run, Subproblem};
 use crate::marginals::{PathColumns, PathWork};
-use crate::problem::{HELD, Problem};
+use crate::pattern::HELD;
+use crate::problem::Problem;
 use crate::sparse::SelectedInverse;
 use crate::{Error, PoseGraph, SolveParams};
 
@@ -169,7 +170,7 @@ fn test<const N: usize, G: LieGroup<N>>(
         column => inverse.block(symbolic, column, column).unwrap_or_else(SMatrix::zeros),
     };
     let mut gates = Gates {
-        marginals: sub.problem.columns.iter().map(|column| marginal(*column)).collect(),
+        marginals: sub.problem.pattern.columns.iter().map(|column| marginal(*column)).collect(),
         problem: &sub.problem,
         cholesky: &sub.cholesky,
         last: None,
@@ -268,7 +269,7 @@ impl<const N: usize, G: LieGroup<N>> Gates<'_, G, N> {
 
     /// Covariance of `a⁻¹ b` with `adjoint` that of `b⁻¹ a`.
     fn relative(&mut self, slots: [u32; 2], adjoint: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-        let [a, b] = slots.map(|s| self.problem.columns[s as usize]);
+        let [a, b] = slots.map(|s| self.problem.pattern.columns[s as usize]);
         if a != HELD && self.last.as_ref().is_none_or(|(column, _)| *column != a) {
             self.last = Some((a, PathColumns::new(self.cholesky, &mut self.work, a)));
         }

@@ -4,6 +4,7 @@ use draco_lie::LieGroup;
 
 use super::Candidate;
 use crate::optimizer::{Optimizer, Outcome};
+use crate::pattern::Elimination;
 use crate::problem::Problem;
 use crate::sparse::{Cholesky, Symbolic};
 use crate::{Error, Key, PoseGraph, SolveParams, Termination};
@@ -39,7 +40,7 @@ impl<const N: usize, G: LieGroup<N>> Subproblem<G, N> {
                 members.push((candidate, index));
             }
         }
-        let cholesky = factor_of(&problem);
+        let cholesky = factor_of(&problem, &part.elimination);
         Ok(Self { problem, cholesky, members, candidates: candidates.len() })
     }
 
@@ -74,14 +75,18 @@ impl<const N: usize, G: LieGroup<N>> Subproblem<G, N> {
 
 /// Room for the factor of a problem. Minimum degree eliminates a chain from its ends, which leaves one long path to
 /// the root; what is little more than a chain is bisected instead, so that paths are short.
-fn factor_of<const N: usize, G: LieGroup<N>>(problem: &Problem<G, N>) -> Cholesky<N> {
+fn factor_of<const N: usize, G: LieGroup<N>>(
+    problem: &Problem<G, N>,
+    elimination: &Elimination,
+) -> Cholesky<N> {
+    let pairs = &problem.pattern.pairs;
     let columns = problem.free();
-    if columns == 0 || 20 * problem.pairs.len() > 21 * columns {
-        return problem.cholesky();
+    if columns == 0 || 20 * pairs.len() > 21 * columns {
+        return problem.cholesky(elimination);
     }
     let mut order = Vec::with_capacity(columns);
     bisect(0, columns as u32, &mut order);
-    Cholesky::new(Arc::new(Symbolic::with_order(order, &problem.pairs, N)), &problem.pairs)
+    Cholesky::new(Arc::new(Symbolic::with_order(order, pairs, N)), pairs)
 }
 
 fn bisect(begin: u32, end: u32, order: &mut Vec<u32>) {

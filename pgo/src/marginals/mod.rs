@@ -1,7 +1,8 @@
 use draco_lie::LieGroup;
 use nalgebra::{DMatrix, SMatrix};
 
-use crate::problem::{HELD, Problem};
+use crate::pattern::HELD;
+use crate::problem::Problem;
 use crate::sparse::{Cholesky, SelectedInverse};
 use crate::{Error, Gauge, Key, PoseGraph};
 
@@ -41,14 +42,14 @@ impl<const N: usize, G: LieGroup<N>> Marginals<G, N> {
         let held = graph.gauge_keys(gauge)?;
         let mut problem = Problem::new(graph, &held)?;
         problem.linearise(&graph.poses);
-        let mut cholesky = problem.cholesky();
+        let mut cholesky = problem.cholesky(&graph.elimination);
         cholesky
             .factor(&problem.hessian, None)
-            .map_err(|c| Error::Indefinite { key: graph.keys[problem.slots[c] as usize] })?;
+            .map_err(|c| Error::Indefinite { key: graph.keys[problem.pattern.slots[c] as usize] })?;
         Ok(Self {
             slots: graph.slots.clone(),
             poses: graph.poses.clone(),
-            columns: problem.columns,
+            columns: problem.pattern.columns,
             cholesky,
         })
     }

@@ -14,7 +14,7 @@ const NONE: u32 = u32::MAX;
 /// **Source**: Amestoy, Davis, Duff, *An approximate minimum degree ordering algorithm*, 1996, for the quotient graph
 /// and the degrees; Rothberg, Eisenstat, *Node selection strategies for bottom-up sparse matrix ordering*, 1998, for
 /// the fill. We count what all elements of a column join, not only the last one.
-pub(super) fn minimum_fill(columns: usize, pairs: &[(u32, u32)]) -> Vec<u32> {
+pub(crate) fn minimum_fill(columns: usize, pairs: &[(u32, u32)]) -> Vec<u32> {
     let mut graph = QuotientGraph::new(columns, pairs);
     let mut order = Vec::with_capacity(columns);
     while let Some(pivot) = graph.queue.pop() {

@@ -12,4 +12,5 @@ mod symbolic;
 
 pub(crate) use factor::{BlockMatrix, Cholesky};
 pub(crate) use inverse::SelectedInverse;
+pub(crate) use minimum_fill::minimum_fill;
 pub(crate) use symbolic::Symbolic;

@@ -112,6 +112,10 @@ impl Symbolic {
             }
             self.run_start.push(self.runs.len());
         }
+        // kept for as long as the factor, or the graph
+        self.rows.shrink_to_fit();
+        self.runs.shrink_to_fit();
+        self.map.shrink_to_fit();
     }
 
     pub(crate) fn columns(&self) -> usize {
@@ -360,7 +364,7 @@ fn supernodes(columns: &Structures, parent: &[u32], block: usize) -> Vec<Superno
 
 /// Scalar columns of the widest supernode. A panel stores the whole square on its diagonal, so cutting a wide one
 /// saves memory; cut panels are still wide enough for the kernels, and lie in the cache.
-const WIDEST: usize = 72;
+const WIDEST: usize = 48;
 
 /// Cuts a supernode into slices of about equal width.
 fn slices(node: &Supernode, widest: u32) -> impl Iterator<Item = Supernode> + use<> {
@@ -382,7 +386,7 @@ fn worth_merging(child: &Supernode, node: &Supernode, columns: &Structures, bloc
     let fraction = zeros as f64 / size as f64;
     let limit = match merged * block {
         0..=4 => 1.0,
-        5..=16 if block > 3 => 0.2,
+        5..=16 if block > 3 => 0.1,
         5..=16 => 0.5,
         17..=48 => 0.1,
         _ => 0.05,

@@ -4,6 +4,7 @@ use nalgebra::{SMatrix, SVector};
 use crate::certify::{Dual, Parts};
 use crate::chordal::{ChordalPose, Edge};
 use crate::optimizer::Outcome;
+use crate::pattern::Elimination;
 use crate::{Certificate, Error, PoseGraph, Solution, Termination};
 
 mod escape;
@@ -167,9 +168,10 @@ pub(crate) fn climb<const D: usize, const M: usize, const N: usize>(
     edges: &[Edge<D>],
     start: &[Parts<D>],
     params: &StaircaseParams,
+    elimination: &Elimination,
 ) -> Result<Climb<D>, usize> {
     let problem = Lifted::<D, M> { edges, nodes: start.len() };
-    let mut dual = Dual::<D, M>::new(edges, start.len());
+    let mut dual = Dual::<D, M>::new(edges, start.len(), elimination);
     let limits = Limits {
         iterations: params.max_iterations,
         inner_iterations: params.max_inner_iterations,

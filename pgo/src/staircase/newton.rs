@@ -38,7 +38,7 @@ impl<const N: usize> Newton<N> {
     pub(super) fn new<const D: usize, const M: usize>(dual: &Dual<D, M>) -> Self {
         let nodes = dual.nodes();
         let (block, zero) = (SMatrix::zeros(), SVector::zeros());
-        let symbolic = Arc::new(Symbolic::new(nodes, &dual.pairs, N));
+        let symbolic = Arc::new(Symbolic::with_order(dual.order().to_vec(), &dual.pairs, N));
         Self {
             hessian: BlockMatrix {
                 diagonal: vec![block; nodes],
@@ -198,6 +198,7 @@ fn between<const D: usize, const M: usize, const N: usize>(
 
 #[cfg(test)]
 mod tests {
+    use crate::pattern::Elimination;
     use nalgebra::Rotation3;
     use rand::{RngExt, SeedableRng};
 
@@ -221,7 +222,7 @@ mod tests {
         let poses: Vec<_> =
             (0..3).map(|_| (rotation(draw(), draw(), draw()), SVector::from_fn(|_, _| draw()))).collect();
         let problem = Lifted::<3, 4> { edges: &edges, nodes: 3 };
-        let dual = Dual::<3, 4>::new(&edges, 3);
+        let dual = Dual::<3, 4>::new(&edges, 3, &Elimination::default());
         let point = Lifted::<3, 4>::point(&poses);
         let mut newton = Newton::<6>::new(&dual);
         newton.linearise(&problem, &dual, &point);
