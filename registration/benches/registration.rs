@@ -6,7 +6,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use draco_registration::global::{SearchParams, branch_and_bound_2d};
-use draco_registration::{Cloud, Covariance, IcpParams, KdTree, StopRule, Target};
+use draco_registration::{Cloud, Covariance, IcpParams, KdTree, Residual, StopRule, Target};
 use nalgebra::{Isometry2, Vector2};
 
 /// Points on the walls of a room with two columns, with a fixed ripple as noise.
@@ -54,7 +54,8 @@ fn bench(c: &mut Criterion) {
                 ready.align(&Cloud::new(source.clone())?, &Isometry2::identity(), &point)
             });
         });
-        let plane = IcpParams { stop, covariance: Covariance::Residual, ..IcpParams::laser_2d() };
+        let full = IcpParams { stop, residual: Residual::PlaneToPlane, ..IcpParams::laser_2d() };
+        let plane = IcpParams { covariance: Covariance::Residual, ..full.clone() };
         let normals =
             |p: &[Vector2<f64>]| Cloud::new(p.to_vec())?.estimate_normals(6, &Vector2::new(6.0, 4.0));
         c.bench_function(&format!("icp/generalised with normals and tree/{n} x {m}"), |b| {
@@ -62,7 +63,6 @@ fn bench(c: &mut Criterion) {
                 Target::new(&normals(&target)?)?.align(&normals(&source)?, &Isometry2::identity(), &plane)
             });
         });
-        let full = IcpParams { stop, ..IcpParams::laser_2d() };
         let ready = (Target::new(&normals(&target).unwrap()).unwrap(), normals(&source).unwrap());
         c.bench_function(&format!("icp/generalised with calibrated covariance, prepared/{n} x {m}"), |b| {
             b.iter(|| ready.0.align(&ready.1, &Isometry2::identity(), &full));

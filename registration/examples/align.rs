@@ -12,7 +12,9 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::{Context, anyhow, bail};
-use draco_registration::global::{NearStartParams, SearchParams, align_near_start, branch_and_bound_2d};
+use draco_registration::global::{
+    NearStartParams, Pivot, SearchParams, align_near_start, branch_and_bound_2d,
+};
 use draco_registration::{
     Cloud, Error, IcpParams, Registration, RigidMotion, Target, io::read_points, mean_downsample,
 };
@@ -92,6 +94,7 @@ fn answer(line: &str) -> anyhow::Result<String> {
                 let box_of = SearchParams {
                     translation: translation.parse().context("half width")?,
                     rotation: degrees.parse::<f64>().context("half width")?.to_radians(),
+                    pivot: Pivot::Origin,
                     ..SearchParams::default()
                 };
                 let outcome = repeat(reps, || search_2d(&s, &t, &Isometry2::identity(), &box_of))?;

@@ -31,8 +31,8 @@ pub use cloud::Cloud;
 pub use downsample::{mean_downsample, medoid_downsample, medoid_indices};
 pub use error::Error;
 pub use icp::{
-    Covariance, IcpParams, Kernel, Matcher, Optimizer, Overlap, Registration, Rejector, Residual,
-    ResidualStatistics, StopRule, Target, Termination,
+    Acceleration, Covariance, IcpParams, Kernel, Matcher, Optimizer, Overlap, Registration, Rejector,
+    Residual, ResidualStatistics, StopRule, Target, Termination,
 };
 pub use kd_tree::{KdTree, Neighbor};
 pub use motion::RigidMotion;

@@ -2,7 +2,9 @@
 
 use std::f64::consts::PI;
 
-use draco_registration::global::{SearchParams, branch_and_bound_2d};
+use draco_registration::global::{
+    NearStartParams, Pivot, SearchParams, align_near_start, branch_and_bound_2d,
+};
 use draco_registration::{Cloud, Target};
 use nalgebra::{Isometry2, Vector2};
 use proptest::prelude::*;
@@ -28,7 +30,8 @@ proptest! {
     fn no_pose_of_a_dense_grid_beats_the_certificate(seed in 0u64..1000) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (target, source) = (random_points(&mut rng, 12), random_points(&mut rng, 8));
-        let params = SearchParams { translation: 1.0, rotation: PI, truncation: 0.8, gap: 0.02, ..SearchParams::default() };
+        // a scene of so few points may need more boxes than the default grants
+        let params = SearchParams { translation: 1.0, rotation: PI, truncation: 0.8, gap: 0.02, max_nodes: 5_000_000, ..SearchParams::default() };
         let built = Target::new(&Cloud::new(target.clone()).unwrap()).unwrap();
         let found = branch_and_bound_2d(&built, &Cloud::new(source.clone()).unwrap(), &Isometry2::identity(), &params).unwrap();
         let best = found.best();
@@ -49,6 +52,65 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn no_pose_within_reach_of_the_sensors_start_beats_the_certificate() {
+    for seed in 0..6 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        // far from the source's origin, so that a turn carries the points farther than the box is wide
+        let arm = Vector2::new(6.0, 2.0);
+        let target: Vec<_> = random_points(&mut rng, 12).iter().map(|p| p + arm).collect();
+        let source: Vec<_> = random_points(&mut rng, 8).iter().map(|p| p + arm).collect();
+        let start = Isometry2::new(Vector2::new(0.1, -0.2), 0.1);
+        let params = SearchParams {
+            translation: 0.4,
+            rotation: 0.5,
+            pivot: Pivot::Origin,
+            truncation: 0.8,
+            gap: 0.02,
+            ..SearchParams::default()
+        };
+        let built = Target::new(&Cloud::new(target.clone()).unwrap()).unwrap();
+        let found =
+            branch_and_bound_2d(&built, &Cloud::new(source.clone()).unwrap(), &start, &params).unwrap();
+        let best = found.best();
+        assert!(best.certified);
+        let moved = best.target_from_source.translation.vector - start.translation.vector;
+        assert!(moved.amax() <= 0.4 + 1e-9, "{moved}");
+        assert!(start.rotation.angle_to(&best.target_from_source.rotation) <= 0.5 + 1e-9);
+        for turn in -40..=40 {
+            for i in -8..=8 {
+                for j in -8..=8 {
+                    let shift = Vector2::new(f64::from(i), f64::from(j)) / 20.0;
+                    let pose = Isometry2::new(start.translation.vector + shift, 0.1 + f64::from(turn) / 80.0);
+                    let there = cost(&target, &source, &pose, 0.8);
+                    assert!(there >= best.lower_bound - 1e-9, "{there} < {}", best.lower_bound);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_wrong_heading_may_carry_the_points_farther_than_the_start_is_off() {
+    // an open box ten metres ahead; half a radian moves it by five metres
+    let target: Vec<_> = (0..240)
+        .map(|i| match i {
+            i if i < 80 => Vector2::new(10.0 + 0.05 * f64::from(i), -2.0),
+            i if i < 160 => Vector2::new(14.0, -2.0 + 0.05 * f64::from(i - 80)),
+            i => Vector2::new(14.0 - 0.03 * f64::from(i - 160), 2.0),
+        })
+        .collect();
+    let truth = Isometry2::new(Vector2::new(0.3, -0.2), 0.2);
+    let source = target.iter().map(|q| truth.inverse_transform_point(&(*q).into()).coords).collect();
+    let ready = |points: Vec<_>| Cloud::new(points).unwrap().estimate_normals(8, &Vector2::zeros()).unwrap();
+    let start = truth * Isometry2::new(Vector2::new(-0.3, 0.3), 0.45);
+    let params = NearStartParams::laser_2d(0.5);
+    let found =
+        align_near_start(&Target::new(&ready(target)).unwrap(), &ready(source), &start, &params).unwrap();
+    let error = truth.inverse() * found.target_from_source;
+    assert!(error.translation.vector.norm() < 1e-2 && error.rotation.angle().abs() < 1e-3, "{error}");
 }
 
 #[test]

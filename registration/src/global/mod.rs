@@ -7,8 +7,9 @@ mod near_start;
 mod nearest_grid;
 mod se2;
 mod se3;
+mod window;
 
 pub use draco1::{Draco1Match, Draco1Params, Draco1Rejection, draco1};
 pub use near_start::{NearStartParams, align_near_start};
-pub use se2::{GlobalMatch, Mode, SearchParams, branch_and_bound_2d};
+pub use se2::{GlobalMatch, Mode, Pivot, SearchParams, branch_and_bound_2d};
 pub use se3::{GlobalMatch3, Mode3, SearchParams3, branch_and_bound_3d};

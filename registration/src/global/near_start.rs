@@ -1,11 +1,10 @@
 use draco_lie::LieGroup;
-use nalgebra::{Isometry2, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{Isometry2, Matrix3, Vector2, Vector3};
 
 use super::se2::{SearchParams, branch_and_bound_2d};
+use crate::Error;
 use crate::cloud::Cloud;
 use crate::icp::{IcpParams, Registration, Target};
-use crate::linalg::pseudo_solve;
-use crate::{Error, RigidMotion};
 
 /// Consecutive source points whose gains count as one draw: neighbours along a wall gain or lose together.
 const BLOCK: usize = 10;
@@ -32,9 +31,12 @@ impl NearStartParams {
 
 /// Aligns from a start that may be off by more than ICP forgives: a search around it, then ICP.
 ///
-/// Along degenerate directions the answer is moved to where the start had it, unless that fits worse by more than one
-/// standard deviation: the scans say nothing there, and the start may. The deviation is that of the gain in
-/// `min(d, τ)²` (`τ` the truncation of the search), summed over runs of ten consecutive points.
+/// The answer is then moved to the mean of what the scans and the start say, each by its information, the half widths of
+/// the search being taken as two standard deviations of the start. Where the scans fix the pose this moves it by a
+/// thousandth; along directions that they hardly show it goes where the start had it. It is left undone if that
+/// fits worse by more than one standard deviation, which is that of the gain in `min(d, τ)²` (`τ` the truncation of the
+/// search), summed over runs of ten consecutive points. Covariance, information and degenerate directions stay those
+/// of the scans alone.
 ///
 /// # Errors
 /// Those of [`Target::align`] and [`branch_and_bound_2d`].
@@ -49,13 +51,11 @@ pub fn align_near_start(
 ) -> Result<Registration<Isometry2<f64>, 3>, Error> {
     let searched = branch_and_bound_2d(target, source, start, &params.search)?;
     let mut found = target.align(source, &searched.best().target_from_source, &params.icp)?;
-    if found.is_degenerate() {
-        let pose = keep_start(source.points(), &found, start);
-        let lost = gain(target, source, &pose, &found.target_from_source, params.search.truncation);
-        if lost <= SIGNIFICANT {
-            found.target_from_source = pose;
-            found.overlap = target.overlap(source, &pose, params.icp.overlap_radius)?.source;
-        }
+    let pose = with_start(&found, start, &params.search);
+    let lost = gain(target, source, &pose, &found.target_from_source, params.search.truncation);
+    if lost <= SIGNIFICANT {
+        found.target_from_source = pose;
+        found.overlap = target.overlap(source, &pose, params.icp.overlap_radius)?.source;
     }
     Ok(found)
 }
@@ -81,25 +81,17 @@ fn gain(
     if squares > 0.0 { sum / squares.sqrt() } else { 0.0 }
 }
 
-/// The pose moved along its degenerate directions to where it moves the points least from where `start` puts them.
-fn keep_start(
-    points: &[Vector2<f64>],
+/// The mean of the alignment and the start, weighted by what each knows.
+fn with_start(
     found: &Registration<Isometry2<f64>, 3>,
     start: &Isometry2<f64>,
+    search: &SearchParams,
 ) -> Isometry2<f64> {
     let pose = found.target_from_source;
     let back: Vector3<f64> = pose.between(start).log();
-    // mean square displacement of the points under a tangent
-    let metric: Matrix3<f64> = points
-        .iter()
-        .map(|p| {
-            let j = <Isometry2<f64> as RigidMotion<2, 3>>::point_jacobian(p);
-            j.transpose() * j
-        })
-        .sum();
-    let free = &found.degenerate_directions;
-    let basis = Matrix3::from_fn(|i, k| free.get(k).map_or(0.0, |d| d[i]));
-    let normal: SMatrix<f64, 3, 3> = basis.transpose() * metric * basis;
-    let along = pseudo_solve(&normal, &(basis.transpose() * metric * back), 1e-12);
-    pose.compose(&Isometry2::exp(&(basis * along)))
+    let deviations = [search.translation, search.translation, search.rotation].map(|w| (0.5 * w).max(1e-9));
+    let known = Matrix3::from_diagonal(&Vector3::from(deviations.map(|d| 1.0 / (d * d))));
+    let step =
+        (found.information + known).cholesky().map_or_else(Vector3::zeros, |c| c.solve(&(known * back)));
+    pose.compose(&Isometry2::exp(&step))
 }

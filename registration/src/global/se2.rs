@@ -4,16 +4,30 @@ use nalgebra::{Isometry2, Rotation2, Vector2};
 
 use super::best_first::{Boxes, best_first, kept_of, mean_kept, scattering_stride};
 use super::near_grid::NearGrid;
+use super::window::{Window, angle_between};
 use crate::cloud::Cloud;
 use crate::error::check;
-use crate::icp::{IcpParams, Rejector, Residual, StopRule, Target};
+use crate::icp::{Acceleration, IcpParams, Rejector, Residual, StopRule, Target};
 use crate::{Error, RigidMotion};
+
+/// The point of the source whose translation a search bounds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Pivot {
+    /// The centroid of the points: the box does not depend on where the source's frame lies.
+    #[default]
+    Centroid,
+    /// The origin of the source's frame, usually the sensor: for a start whose translation and rotation are each good
+    /// to so much, since a wrong heading carries the centroid far.
+    Origin,
+}
 
 /// What a global search looks for, and where.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SearchParams {
-    /// Half width of the square searched for the source's centroid, metres, about where the start puts it.
+    /// Half width of the square searched for the pivot, metres, about where the start puts it.
     pub translation: f64,
+    /// Which point of the source that is. Default the centroid.
+    pub pivot: Pivot,
     /// Half width of the rotations searched, radians; π or more searches all.
     pub rotation: f64,
     /// Distance `τ` at which a point counts as not seen, metres. Default 0.3: ten times the noise of a laser.
@@ -40,7 +54,7 @@ impl SearchParams {
     /// A search about a start that is roughly right: 30° either way, and few boxes, since the polished pose is
     /// found early and the certificate is what takes long.
     pub fn near_start(translation: f64) -> Self {
-        Self { translation, rotation: PI / 6.0, max_nodes: 20_000, ..Self::default() }
+        Self { translation, pivot: Pivot::Origin, rotation: PI / 6.0, max_nodes: 20_000, ..Self::default() }
     }
 }
 
@@ -48,6 +62,7 @@ impl Default for SearchParams {
     fn default() -> Self {
         Self {
             translation: 5.0,
+            pivot: Pivot::Centroid,
             rotation: PI,
             truncation: 0.3,
             keep: 1.0,
@@ -132,7 +147,7 @@ pub fn branch_and_bound_2d(
     let mut search = Search::new(target, source, start, params)?;
     let mut modes: Vec<Mode> = Vec::new();
     for _ in 0..params.modes {
-        let root = search.start;
+        let root = search.window.root();
         let Some(found) = best_first(&mut search, root, params.gap * tau_sq, params.max_nodes)? else {
             break;
         };
@@ -163,11 +178,11 @@ fn check_params(p: &SearchParams) -> Result<(), Error> {
 
 /// A box of poses; `centroid` is relative to the target's origin.
 #[derive(Debug, Clone, Copy)]
-struct Region {
-    angle: f64,
-    centroid: Vector2<f64>,
-    half_angle: f64,
-    half_width: f64,
+pub(super) struct Region {
+    pub(super) angle: f64,
+    pub(super) centroid: Vector2<f64>,
+    pub(super) half_angle: f64,
+    pub(super) half_width: f64,
 }
 
 struct Search<'a> {
@@ -181,7 +196,7 @@ struct Search<'a> {
     source_centre: Vector2<f64>,
     cloud: Cloud<2>,
     polish: IcpParams,
-    start: Region,
+    window: Window,
     /// Modes already found, which the search leaves out.
     found: Vec<Isometry2<f64>>,
     /// Squares of the least and the likely distances of the points in a box.
@@ -203,7 +218,6 @@ impl<'a> Search<'a> {
         let stride = scattering_stride(used);
         points = (0..used).map(|i| points[i * stride % used]).collect();
         let radii: Vec<f64> = points.iter().map(|p| p.norm()).collect();
-        let centroid = start.transform_point(&source_centre.into()).coords - target.origin;
         let places = (0..target.len()).map(|i| *target.tree.point_at(i));
         Ok(Self {
             params,
@@ -219,15 +233,11 @@ impl<'a> Search<'a> {
                 rejectors: vec![Rejector::Trimmed { keep: params.keep }],
                 residual: Residual::PointToPoint,
                 covariance: crate::Covariance::Residual,
+                acceleration: Acceleration::None,
                 stop: StopRule { max_iterations: 15, ..StopRule::default() },
                 ..IcpParams::sonar_2d()
             },
-            start: Region {
-                angle: start.rotation.angle(),
-                centroid,
-                half_angle: params.rotation.min(PI),
-                half_width: params.translation,
-            },
+            window: Window::new(start, params, source_centre, target.origin),
             found: Vec::new(),
             least: Vec::with_capacity(used),
             near: Vec::with_capacity(used),
@@ -269,7 +279,7 @@ impl Boxes for Search<'_> {
     type Pose = Isometry2<f64>;
 
     fn is_excluded(&self, region: &Region) -> bool {
-        self.found.iter().any(|mode| self.covers(mode, region))
+        self.window.misses(region) || self.found.iter().any(|mode| self.covers(mode, region))
     }
 
     /// The box halved along what lets its points stray more.
@@ -336,10 +346,7 @@ impl Boxes for Search<'_> {
         let centre = Isometry2::new(translation, node.angle);
         let polished = self.target.align(&self.cloud, &centre, &self.polish)?.target_from_source;
         let is_allowed = |pose: &Isometry2<f64>| {
-            let place = pose.transform_point(&self.source_centre.into()).coords - self.target.origin;
-            let inside = (place - self.start.centroid).amax() <= self.start.half_width
-                && angle_between(pose.rotation.angle(), self.start.angle) <= self.start.half_angle;
-            inside && !self.found.iter().any(|mode| self.is_near(mode, pose))
+            self.window.holds(pose) && !self.found.iter().any(|mode| self.is_near(mode, pose))
         };
         Ok([centre, polished]
             .into_iter()
@@ -353,9 +360,4 @@ impl Boxes for Search<'_> {
 /// Cells of the distance grid along the truncation, so that a cell blurs the cost by less than the gap does.
 fn cells_per_reach(gap: f64) -> f64 {
     (2.0 / gap.sqrt()).max(16.0)
-}
-
-fn angle_between(a: f64, b: f64) -> f64 {
-    let d = (a - b).rem_euclid(2.0 * PI);
-    d.min(2.0 * PI - d)
 }

@@ -7,7 +7,7 @@ use super::best_first::{Boxes, best_first, kept_of, mean_kept, scattering_stride
 use super::nearest_grid::NearestGrid;
 use crate::cloud::Cloud;
 use crate::error::check;
-use crate::icp::{IcpParams, Optimizer, Rejector, Residual, StopRule, Target};
+use crate::icp::{Acceleration, IcpParams, Optimizer, Rejector, Residual, StopRule, Target};
 use crate::rigid_fit::rigid_fit;
 use crate::{Error, RigidMotion};
 
@@ -102,7 +102,7 @@ impl GlobalMatch3 {
 /// **Source**: Yang, Li, Campbell, Jia, "Go-ICP: a globally optimal solution to 3D ICP point-set registration",
 /// 2016. We search one six-dimensional tree instead of one of translations inside one of rotations, look wide boxes up
 /// in a grid that holds nearest points of a thousand target points (with their cover as slack) and ask a k-d tree for
-/// narrow ones, draw a subset of points, and polish a box fully only when a short polish of 60 points over that grid
+/// narrow ones, draw a subset of points, and polish a box fully only when a short polish of 40 points over that grid
 /// looks promising.
 pub fn branch_and_bound_3d(
     target: &Target<3>,
@@ -167,10 +167,10 @@ const POLISHED_HALF_ANGLE: f64 = PI / 8.0;
 const COARSE_POINTS: usize = 1000;
 
 /// Source points of the first polish, which only has to tell a promising box.
-const SCOUTS: usize = 60;
+const SCOUTS: usize = 40;
 
 /// The first polish ends when a step leaves more than this share of the cost.
-const SETTLED: f64 = 0.98;
+const SETTLED: f64 = 0.95;
 
 /// A scouted pose is polished fully when its cost is below this multiple of the best.
 const PROMISING: f64 = 3.0;
@@ -212,6 +212,7 @@ impl<'a> Search<'a> {
             if params.keep < 1.0 { vec![Rejector::Trimmed { keep: params.keep }] } else { Vec::new() };
         let span = source.points().iter().map(|p| p.norm()).fold(0.0, f64::max);
         let polish = IcpParams {
+            acceleration: Acceleration::Anderson,
             max_distance: 4.0 * (span + params.translation).max(f64::MIN_POSITIVE) + 1.0,
             rejectors,
             residual: Residual::PointToPoint,

@@ -1,12 +1,13 @@
 use nalgebra::{SMatrix, SVector};
 
+use super::anderson::Anderson;
 use super::association::{Association, Pair};
 use super::covariance;
 use super::normal_equations::{NormalEquations, Term, term};
 use super::outcome::{Registration, ResidualStatistics, Termination};
 use super::rejector::{Rejector, trim_limit_sq};
 use super::target::{Target, centre};
-use super::{IcpParams, Matcher, Optimizer, Residual};
+use super::{Acceleration, IcpParams, Matcher, Optimizer, Residual};
 use crate::Error;
 use crate::cloud::Cloud;
 use crate::kd_tree::KdTree;
@@ -55,6 +56,10 @@ pub(crate) fn align<const D: usize, const N: usize, G: RigidMotion<D, N>>(
         return Err(Error::NonFinite { what: "the initial pose" });
     }
     let mut pose = problem.to_centred(initial);
+    let mut accelerator = match params.acceleration {
+        Acceleration::None => None,
+        Acceleration::Anderson => Some(Accelerator::new(&pose)),
+    };
     let mut steps: Vec<(f64, f64)> = Vec::new();
     let mut damping = 1e-6;
     let mut termination = Termination::MaxIterations;
@@ -64,14 +69,26 @@ pub(crate) fn align<const D: usize, const N: usize, G: RigidMotion<D, N>>(
             termination = Termination::TooFewPairs;
             break;
         }
+        if let Some(accelerator) = &mut accelerator {
+            accelerator.fit = problem.fit();
+            if let Some(plain) = accelerator.take_back() {
+                pose = plain;
+                problem.associate(&pose);
+                accelerator.fit = problem.fit();
+            }
+        }
         let (next, step) = problem.step::<N, G>(&pose, &mut damping);
-        pose = next;
+        pose = match &mut accelerator {
+            None => next,
+            Some(accelerator) => accelerator.further::<G>(&problem, &pose, &next),
+        };
         let rotation = (0..N - D).map(|i| step[D + i] * step[D + i]).sum::<f64>().sqrt();
         steps.push((step.fixed_rows::<D>(0).norm(), rotation));
         if steps.len() >= params.stop.window {
             let last = &steps[steps.len() - params.stop.window..];
             let mean = |f: fn(&(f64, f64)) -> f64| last.iter().map(f).sum::<f64>() / last.len() as f64;
             if mean(|s| s.0) < params.stop.translation && mean(|s| s.1) < params.stop.rotation {
+                pose = next;
                 termination = Termination::Converged;
                 break;
             }
@@ -79,6 +96,56 @@ pub(crate) fn align<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     }
     problem.associate(&pose);
     Ok(problem.finish(&pose, steps.len(), termination))
+}
+
+/// Steps that look ahead, and the way back where that made the fit worse.
+struct Accelerator<const D: usize, const N: usize> {
+    anderson: Anderson<N>,
+    /// Poses are told by their motion from here.
+    start: Pose<D>,
+    /// Where the last step would have led by itself, if it went elsewhere, and the fit before it.
+    plain: Option<(Pose<D>, f64)>,
+    /// The fit where the problem is now.
+    fit: f64,
+}
+
+impl<const D: usize, const N: usize> Accelerator<D, N> {
+    fn new(start: &Pose<D>) -> Self {
+        Self { anderson: Anderson::default(), start: *start, plain: None, fit: f64::INFINITY }
+    }
+
+    /// The pose to return to when the fit got worse by the last step.
+    fn take_back(&mut self) -> Option<Pose<D>> {
+        let (pose, before) = self.plain.take()?;
+        if self.fit <= before {
+            return None;
+        }
+        self.anderson.forget();
+        Some(pose)
+    }
+
+    /// From the pose a step led to, on to where the steps so far seem to lead.
+    fn further<G: RigidMotion<D, N>>(
+        &mut self,
+        problem: &Problem<'_, D>,
+        from: &Pose<D>,
+        to: &Pose<D>,
+    ) -> Pose<D> {
+        let scale = problem.scale::<N>();
+        let place = |pose: &Pose<D>| {
+            let turn =
+                G::from_matrix(&(pose.rotation * self.start.rotation.transpose()), &SVector::zeros()).log();
+            let shift = pose.translation - self.start.translation;
+            SVector::<f64, N>::from_fn(|i, _| if i < D { shift[i] } else { turn[i] * scale[i] })
+        };
+        let x = place(from);
+        let extra = self.anderson.extra(&x, &(place(to) - x));
+        if extra == SVector::<f64, N>::zeros() {
+            return *to;
+        }
+        self.plain = Some((*to, self.fit));
+        moved::<D, N, G>(to, &extra.component_div(&scale))
+    }
 }
 
 impl<'a, const D: usize> Problem<'a, D> {
@@ -181,8 +248,15 @@ impl<'a, const D: usize> Problem<'a, D> {
         }
     }
 
+    /// Mean squared distance of the pairs that count, points without a partner counting as far as one may be.
+    fn fit(&self) -> f64 {
+        let sum: f64 = self.kept.iter().map(|p| p.distance_sq).sum();
+        let lost = 1.0 - self.matched.len() as f64 / self.points.len() as f64;
+        sum / self.kept.len().max(1) as f64 + lost * self.params.max_distance.powi(2)
+    }
+
     /// The term of one pair at a pose.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn term<const N: usize, G: RigidMotion<D, N>>(
         &self,
         pair: &Pair,

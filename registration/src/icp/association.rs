@@ -15,7 +15,7 @@ pub(crate) struct Pair {
 }
 
 /// Target points remembered for a source point.
-const CANDIDATES: usize = 3;
+const CANDIDATES: usize = 2;
 
 /// The nearest target point of every source point, remembered between iterations.
 ///

@@ -20,8 +20,19 @@ const DEGENERATE_SHARE: f64 = 1.0 / 5.0;
 /// is noise.
 const LOCAL_TO_WIDE: [f64; 2] = [0.05, 1.0];
 
-/// Source points that try each motion at most, evenly drawn; the rest would change the curvature by little.
-const MOST_PROBES: usize = 500;
+/// Lengths of the small motions over which the local curvature is averaged, in units of the residual: the error of the
+/// pose is shorter, but over short ways the score, which jumps as pairs change, is mostly noise. On 800 simulated scans
+/// of pilings and 400 of a room 0.4 to 1.0 covers 92 and 97 % by the 95 % ellipsoid, 0.6 to 1.4 covers 95 and 98 %. Of
+/// many points each length is tried by others.
+const LENGTHS: [f64; 3] = [0.5, 0.85, 1.2];
+
+/// Scores of one point that each curvature takes at most, of points evenly drawn; the rest would change it by little.
+const MOST_SCORES: usize = 3000;
+
+/// Source points that try each of the `2 N` motions at most.
+const fn most_probes(dimensions: usize) -> usize {
+    MOST_SCORES / (2 * dimensions)
+}
 
 pub(crate) struct Uncertainty<const N: usize> {
     pub(crate) covariance: SMatrix<f64, N, N>,
@@ -95,16 +106,14 @@ fn evidence<const D: usize, const N: usize, G: RigidMotion<D, N>>(
 ) -> Evidence<N> {
     let sum = problem.normal_equations::<N, G>(pose);
     let scale = problem.scale::<N>();
-    let mut scores: Vec<(u32, SVector<f64, N>)> = problem
-        .kept
-        .iter()
-        .map(|pair| (pair.target, score::<D, N, G>(problem, pose, pair).component_div(&scale)))
-        .collect();
     // a target point's own error is common to all source points that chose it: they count as one draw
-    scores.sort_by_key(|(target, _)| *target);
+    let mut draws = vec![None; problem.target.len()];
+    for pair in &problem.kept {
+        let score = score::<D, N, G>(problem, pose, pair).component_div(&scale);
+        *draws[pair.target as usize].get_or_insert_with(SVector::zeros) += score;
+    }
     let (mut variance, mut clusters) = (SMatrix::zeros(), 0.0);
-    for cluster in scores.chunk_by(|a, b| a.0 == b.0) {
-        let total: SVector<f64, N> = cluster.iter().map(|(_, s)| s).sum();
+    for total in draws.iter().flatten() {
         variance += total * total.transpose();
         clusters += 1.0;
     }
@@ -168,18 +177,23 @@ fn local_curvature<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     pose: &Pose<D>,
     step: f64,
 ) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
-    let stride = problem.matched.len().div_ceil(MOST_PROBES).max(1);
+    let points = problem.matched.len();
+    let stride = if points <= most_probes(N) { 1 } else { (LENGTHS.len() * points).div_ceil(most_probes(N)) };
     let (mut moved_pairs, mut kept, mut buffer) = (Vec::new(), Vec::new(), Vec::new());
-    let tried = problem.matched.len().div_ceil(stride).max(1);
-    let share = problem.matched.len() as f64 / tried as f64;
-    let (slope, mean) = central_differences::<D, N, G>(problem, pose, step, |there| {
-        moved_pairs.clear();
-        let found = problem.matched.iter().step_by(stride).filter_map(|p| problem.nearest_pair(p, there));
-        moved_pairs.extend(found);
-        problem.reject(there, &moved_pairs, &mut kept, &mut buffer);
-        kept.iter().map(|pair| score::<D, N, G>(problem, there, pair)).sum()
-    });
-    (slope * share, mean * share)
+    let (mut slope, mut mean) = (SMatrix::zeros(), SVector::zeros());
+    for (length, begin) in LENGTHS.iter().zip(0..) {
+        let drawn = || problem.matched.iter().skip(begin % stride).step_by(stride);
+        let share = points as f64 / drawn().count().max(1) as f64;
+        let (s, m) = central_differences::<D, N, G>(problem, pose, length * step, |there| {
+            moved_pairs.clear();
+            moved_pairs.extend(drawn().filter_map(|p| problem.nearest_pair(p, there)));
+            problem.reject(there, &moved_pairs, &mut kept, &mut buffer);
+            kept.iter().map(|pair| score::<D, N, G>(problem, there, pair)).sum()
+        });
+        slope += s * (share / LENGTHS.len() as f64);
+        mean += m * (share / LENGTHS.len() as f64);
+    }
+    (slope, mean)
 }
 
 /// The negative slope of a score over steps of so many metres both ways along each axis, made symmetric, and its mean,
@@ -230,7 +244,7 @@ fn wide_curvature<const D: usize, const N: usize, G: RigidMotion<D, N>>(
         slope += kernel.slope(cost, coordinates::<D>(problem.params.residual));
     }
     let shrink = if total > 0.0 { (slope / total).clamp(0.1, 1.0) } else { 1.0 };
-    let stride = weighted.len().div_ceil(MOST_PROBES).max(1);
+    let stride = weighted.len().div_ceil(most_probes(N)).max(1);
     let (curvature, _) = central_differences::<D, N, G>(problem, pose, probe, |there| {
         let mut score = SVector::<f64, N>::zeros();
         for (pair, weight) in weighted.iter().step_by(stride).filter(|(_, w)| *w > 0.0) {

@@ -1,4 +1,5 @@
 mod align;
+mod anderson;
 mod association;
 mod covariance;
 mod kernel;
@@ -10,7 +11,7 @@ mod target;
 
 pub use kernel::Kernel;
 pub use outcome::{Registration, ResidualStatistics, Termination};
-pub use params::{Covariance, IcpParams, Matcher, Optimizer, Residual, StopRule};
+pub use params::{Acceleration, Covariance, IcpParams, Matcher, Optimizer, Residual, StopRule};
 pub use rejector::Rejector;
 pub(crate) use target::centre;
 pub use target::{Overlap, Target};

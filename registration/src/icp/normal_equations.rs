@@ -20,7 +20,7 @@ impl<const N: usize> NormalEquations<N> {
         Self { h: SMatrix::zeros(), g: SVector::zeros(), cost: 0.0, weight: 0.0 }
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn add<const D: usize, G: RigidMotion<D, N>>(&mut self, term: &Term<D, N>, weight: f64) {
         match term {
             Term::Scalar { row, error } => {
@@ -90,7 +90,7 @@ impl<const D: usize, const N: usize> Term<D, N> {
 /// * `e` – `q - x`;
 /// * `n`, `m` – normal of the target and (turned) of the source, zero if not needed;
 /// * `metric` – inverse covariance of `e`, called only if needed.
-#[inline]
+#[inline(always)]
 pub(crate) fn term<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     residual: Residual,
     lever: &SVector<f64, D>,
@@ -112,7 +112,7 @@ pub(crate) fn term<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     }
 }
 
-#[inline]
+#[inline(always)]
 fn block<const D: usize, const N: usize>(
     metric: SMatrix<f64, D, D>,
     lever: &SVector<f64, D>,
