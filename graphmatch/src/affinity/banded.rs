@@ -46,6 +46,21 @@ impl Banded {
         self.values.len()
     }
 
+    /// Calls `visit` with row, column and value of every entry, without the weights of pairs.
+    pub(super) fn for_each(&self, columns: usize, mut visit: impl FnMut(usize, usize, f64)) {
+        for (k, edge) in self.edges1.iter().enumerate() {
+            let [i, j] = edge.ends.map(|e| e as usize * columns);
+            let partners = &self.edges2[self.first[k] as usize..];
+            for (value, partner) in self.values[self.start[k]..self.start[k + 1]].iter().zip(partners) {
+                let [a, b] = partner.ends.map(|e| e as usize);
+                for (p, q) in [(i + a, j + b), (i + b, j + a)] {
+                    visit(p, q, *value);
+                    visit(q, p, *value);
+                }
+            }
+        }
+    }
+
     pub(super) fn drop_exact_ones(&mut self) {
         for (k, edge) in self.edges1.iter().enumerate() {
             let partners = &self.edges2[self.first[k] as usize..];

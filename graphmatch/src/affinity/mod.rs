@@ -2,6 +2,7 @@
 
 mod banded;
 mod params;
+mod rows;
 mod sparse;
 
 use nalgebra::{DMatrix, Point2};
@@ -11,6 +12,7 @@ pub use params::{AffinityParams, Attributes, Kernel};
 use crate::object::{centroids, check_map};
 use crate::{Error, Object};
 use banded::Banded;
+use rows::Rows;
 use sparse::Sparse;
 
 /// The symmetric matrix of agreements between pairs, index `i * columns + a`, with zero diagonal and zeros where two
@@ -38,7 +40,8 @@ pub struct Affinity {
 
 #[derive(Debug, Clone)]
 enum Form {
-    Banded(Banded),
+    /// With rows where the matrix is small.
+    Banded(Banded, Option<Rows>),
     Sparse(Sparse),
 }
 
@@ -58,7 +61,9 @@ impl Affinity {
         let form = if 4 * admissible < weights.len() {
             Form::Sparse(Sparse::new(&lengths1, &lengths2, &weights, params))
         } else {
-            Form::Banded(Banded::new(&lengths1, &lengths2, params))
+            let banded = Banded::new(&lengths1, &lengths2, params);
+            let rows = Rows::new(&banded, map2.len(), &weights);
+            Form::Banded(banded, rows)
         };
         Ok(Self {
             rows: map1.len(),
@@ -108,7 +113,10 @@ impl Affinity {
     pub(crate) fn drop_exact_ones(&mut self) {
         self.no_exact_ones = true;
         match &mut self.form {
-            Form::Banded(banded) => banded.drop_exact_ones(),
+            Form::Banded(banded, rows) => {
+                banded.drop_exact_ones();
+                *rows = Rows::new(banded, self.columns, &self.weights);
+            }
             Form::Sparse(sparse) => sparse.drop_exact_ones(&self.lengths1, &self.lengths2, self.columns),
         }
     }
@@ -134,7 +142,8 @@ impl Affinity {
     /// [`Affinity::multiply`] for vectors known to fit.
     pub(crate) fn apply(&self, x: &[f64], y: &mut [f64]) {
         match &self.form {
-            Form::Banded(banded) => {
+            Form::Banded(_, Some(rows)) => rows.multiply(x, y),
+            Form::Banded(banded, None) => {
                 let weighted: Vec<f64> = x.iter().zip(&self.weights).map(|(x, w)| x * w).collect();
                 banded.multiply(self.columns, &weighted, y);
                 for (y, w) in y.iter_mut().zip(&self.weights) {
@@ -148,7 +157,7 @@ impl Affinity {
     /// Entries that are stored: pairs of pairs within the kernel's reach, each once.
     pub fn stored(&self) -> usize {
         match &self.form {
-            Form::Banded(banded) => 2 * banded.stored(),
+            Form::Banded(banded, _) => 2 * banded.stored(),
             Form::Sparse(sparse) => sparse.stored(),
         }
     }
@@ -156,4 +165,40 @@ impl Affinity {
 
 fn lengths(points: &[Point2<f64>]) -> DMatrix<f64> {
     DMatrix::from_fn(points.len(), points.len(), |i, j| (points[i] - points[j]).norm())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::split_mix::SplitMix;
+
+    #[test]
+    fn rows_and_runs_give_the_product_of_the_entries() {
+        let mut random = SplitMix::new(3);
+        let mut map = |n: usize| -> Vec<Object> {
+            (0..n)
+                .map(|_| {
+                    let mut draw = || (random.next() >> 11) as f64 / (1_u64 << 53) as f64;
+                    Object::new(Point2::new(30.0 * draw(), 30.0 * draw()), 3.0 + draw(), 2.0 + draw())
+                })
+                .collect()
+        };
+        let (map1, map2) = (map(7), map(9));
+        let attributes = Attributes::Laplacian { mu: 0.5 };
+        let affinity =
+            Affinity::new(&map1, &map2, &AffinityParams { attributes, ..AffinityParams::default() }).unwrap();
+        let Form::Banded(banded, Some(rows)) = &affinity.form else { panic!("not small") };
+        let pairs: Vec<(usize, usize)> = (0..7).flat_map(|i| (0..9).map(move |a| (i, a))).collect();
+        let x: Vec<f64> = (0..63).map(|k| 1.0 + f64::from(k % 5)).collect();
+        let runs = Affinity { form: Form::Banded(banded.clone(), None), ..affinity.clone() };
+        let (mut of_rows, mut of_runs) = (vec![0.0; 63], vec![0.0; 63]);
+        rows.multiply(&x, &mut of_rows);
+        runs.apply(&x, &mut of_runs);
+        for (k, &p) in pairs.iter().enumerate() {
+            let expected: f64 = pairs.iter().zip(&x).map(|(&q, x)| affinity.entry(p, q) * x).sum();
+            assert!((of_rows[k] - expected).abs() < 1e-12 * (1.0 + expected));
+            assert!((of_runs[k] - expected).abs() < 1e-12 * (1.0 + expected));
+        }
+        assert!(of_rows.iter().any(|y| *y > 0.0));
+    }
 }

@@ -75,9 +75,7 @@ pub enum Attributes {
 
 impl Attributes {
     pub(super) fn weight(&self, a: &Object, b: &Object) -> f64 {
-        let sides = |o: &Object| (o.length.max(o.breadth), o.length.min(o.breadth));
-        let ((long1, short1), (long2, short2)) = (sides(a), sides(b));
-        let (dl, db) = ((long1 - long2).abs(), (short1 - short2).abs());
+        let (dl, db) = ((a.length - b.length).abs(), (a.breadth - b.breadth).abs());
         match *self {
             Self::Ignore => 1.0,
             Self::Laplacian { mu } => (-mu * (dl + db)).exp(),

@@ -12,7 +12,7 @@ pub(super) fn sum(x: &[f64], value: impl Fn(f64) -> f64) -> f64 {
     for chunk in chunks {
         sums.iter_mut().zip(chunk).for_each(|(sum, x)| *sum += value(*x));
     }
-    tail + sums.iter().sum::<f64>()
+    tail + total(sums)
 }
 
 /// Sum of the products of two rows of equal length.
@@ -24,7 +24,13 @@ pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
     for (x, y) in xs.zip(ys) {
         sums.iter_mut().zip(x.iter().zip(y)).for_each(|(sum, (x, y))| *sum += x * y);
     }
-    tail + sums.iter().sum::<f64>()
+    tail + total(sums)
+}
+
+/// Sum of the lanes in pairs, of which none waits long for another.
+#[inline(always)]
+fn total([a, b, c, d, e, f, g, h]: [f64; LANES]) -> f64 {
+    ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
 /// Largest number, at least 0.

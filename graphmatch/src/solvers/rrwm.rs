@@ -40,6 +40,9 @@ pub fn rrwm(affinity: &Affinity, params: &RrwmParams) -> Result<Vec<f64>, Error>
     Ok(Arch::new().dispatch(Walk { affinity, params }))
 }
 
+/// Length of a step that changes no answer; the walk's entries sum to 1.
+const STILL: f64 = 1e-12;
+
 struct Walk<'a> {
     affinity: &'a Affinity,
     params: &'a RrwmParams,
@@ -76,16 +79,22 @@ impl WithSimd for Walk<'_> {
             }
             sinkhorn(&mut jump, rows, columns, params.sinkhorn_iterations);
             let rest = (1.0 - params.alpha) / sum;
-            for ((walk, jump), x) in walk.iter_mut().zip(&jump).zip(&moved) {
-                *walk = params.alpha * jump + rest * x;
+            for (jump, x) in jump.iter_mut().zip(&moved) {
+                *jump = params.alpha * *jump + rest * x;
             }
-            let total = lanes::sum(&walk, |x| x).recip();
+            let total = lanes::sum(&jump, |x| x).recip();
             // What the reference looks at: the change against the walk before it was normalised.
-            for ((walk, x), change) in walk.iter_mut().zip(&moved).zip(&mut jump) {
-                *walk *= total;
-                *change = *walk - scale * x;
+            for (x, jump) in moved.iter_mut().zip(&mut jump) {
+                *jump *= total;
+                *x = *jump - scale * *x;
             }
-            if lanes::sum(&jump, |x| x * x).sqrt() < 1e-5 {
+            let change = lanes::sum(&moved, |x| x * x).sqrt();
+            for ((walk, jump), step) in walk.iter_mut().zip(&jump).zip(&mut moved) {
+                *step = jump - *walk;
+                *walk = *jump;
+            }
+            // A walk that stands still would stand still to the end.
+            if change < 1e-5 || lanes::sum(&moved, |x| x * x).sqrt() < STILL {
                 break;
             }
         }
