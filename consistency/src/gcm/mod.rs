@@ -74,6 +74,8 @@ mod group_cost;
 mod grouping;
 mod one_vote;
 mod online;
+#[cfg(test)]
+mod oracle_tests;
 mod params;
 mod pooled;
 mod posterior;
