@@ -1,3 +1,5 @@
+use pulp::{Arch, Simd, WithSimd};
+
 use super::Costs;
 use super::paths::{Arcs, Paths};
 use super::row_reduction::{Bid, Rows, reduce_rows};
@@ -20,6 +22,25 @@ const ROUNDS: usize = 30;
 ///
 /// **Source**: Volgenant, "Linear and semi-assignment problems: a core oriented approach", 1996.
 pub(super) fn solve(costs: Costs) -> Option<State> {
+    Arch::new().dispatch(Solve { costs })
+}
+
+struct Solve<'a> {
+    costs: Costs<'a>,
+}
+
+impl WithSimd for Solve<'_> {
+    type Output = Option<State>;
+
+    /// The passes over all entries are inlined here, so that they are compiled for the vectors of the machine.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Option<State> {
+        solve_core(self.costs)
+    }
+}
+
+#[inline(always)]
+fn solve_core(costs: Costs) -> Option<State> {
     let mut state = State::new(costs.rows, costs.columns);
     reduce_columns(costs, &mut state);
     let mut core = Core::new(costs, &state)?;
@@ -55,6 +76,7 @@ struct Core<'a> {
 }
 
 impl<'a> Core<'a> {
+    #[inline(always)]
     fn new(costs: Costs<'a>, state: &State) -> Option<Self> {
         let reach = typical_reach(costs, &state.v);
         let mut core = Self {
@@ -75,6 +97,7 @@ impl<'a> Core<'a> {
     }
 
     /// Takes all arcs of a row up to its reach, the assigned one included.
+    #[inline(always)]
     fn gather(&mut self, state: &State, row: usize) -> Option<()> {
         let (c, v) = (self.costs.row(row), &state.v);
         let limit = least_reduced(c, v) + self.reach[row];
@@ -122,6 +145,7 @@ impl<'a> Core<'a> {
     }
 
     /// Rows with an entry that the duals contradict; such entries join the core.
+    #[inline(always)]
     fn price(&mut self, state: &State) -> Option<Vec<u32>> {
         let mut wrong = Vec::new();
         for row in 0..self.arcs.len() {
@@ -188,8 +212,9 @@ fn tolerance(size: f64) -> f64 {
     1e-13 * (1.0 + size.abs())
 }
 
+#[inline(always)]
 fn least_reduced(c: &[f64], v: &[f64]) -> f64 {
-    const LANES: usize = 4;
+    const LANES: usize = 16;
     let mut least = [f64::INFINITY; LANES];
     let (cs, vs) = (c.chunks_exact(LANES), v.chunks_exact(LANES));
     let tail = cs.remainder().iter().zip(vs.remainder()).map(|(c, v)| c - v).fold(f64::INFINITY, f64::min);
@@ -203,6 +228,7 @@ fn least_reduced(c: &[f64], v: &[f64]) -> f64 {
 }
 
 /// Calls `visit` with every column of reduced cost at most `limit`, testing blocks at once.
+#[inline(always)]
 fn for_each_up_to(c: &[f64], v: &[f64], limit: f64, mut visit: impl FnMut(usize)) {
     const BLOCK: usize = 8;
     for (block, (cs, vs)) in c.chunks(BLOCK).zip(v.chunks(BLOCK)).enumerate() {
