@@ -51,7 +51,7 @@ pub enum Acceleration {
     #[default]
     None,
     /// Anderson's mixing of the last three steps, taken back where the cost rises: point-to-point residuals then need
-    /// half the iterations and fewer. Steps are judged by [`StopRule`] as they would be without.
+    /// a third to two thirds fewer iterations. Steps are judged by [`StopRule`] as they would be without.
     Anderson,
 }
 
@@ -79,7 +79,8 @@ impl Default for StopRule {
 pub enum Covariance {
     /// `K⁻¹ A K⁻¹`: `A` the variance of the score as the residuals show it, one draw a target point, `K` the
     /// curvature found by moving the scan and letting points change partners. The noise is estimated, needs not
-    /// be equal everywhere, and uncertain pairs are part of it. Costs `2 N` more associations.
+    /// be equal everywhere, and uncertain pairs are part of it. Costs `8 N` more
+    /// associations, of a part of the points where there are many.
     #[default]
     Sandwich,
     /// `σ² H⁻¹` with `σ²` from the residuals: the pairs taken as right, the noise as equal.
