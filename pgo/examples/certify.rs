@@ -2,11 +2,12 @@
 //!
 //! Without arguments: a ring of poses, from a good and a wound start, and the staircase out of the valley.
 //! `certify FILE.g2o...`: each file's certified optimum of the chordal objective from the chordal start, one JSON line
-//! each, with CPU times, the best of some runs each on a graph just read: the search for the optimum; a Gauss-Newton
+//! each, with CPU times, medians of some runs each on a graph just read: the search for the optimum; a Gauss-Newton
 //! iteration (an eighth of what nine take longer than one) and the first, which has to order and analyse; the chordal
 //! start alone, and what it adds to the solver's first iteration after it, which takes its order over; the certificate
-//! alone, and after the solver, whose order it takes over. `..._iterations`: the latter in Gauss-Newton iterations. `certify --random SEED FILE.g2o...`: the staircase from poses drawn at random instead, and where descent
-//! alone ends from there.
+//! alone, and after the solver, whose order it takes over. `..._iterations`: the latter in Gauss-Newton iterations.
+//! `certify --random SEED FILE.g2o...`: the staircase from poses drawn at random instead, and where descent alone ends
+//! from there.
 
 use draco_pgo::io::g2o::{self, AnyGraph};
 use draco_pgo::{
@@ -17,8 +18,8 @@ use nalgebra::{Isometry2, Matrix3, SVector, Vector2};
 use rand::{RngExt, SeedableRng};
 
 const POSES: u64 = 20;
-/// Runs of which the fastest counts.
-const RUNS: usize = 15;
+/// Runs, of which the median counts.
+const RUNS: usize = 21;
 
 fn main() -> Result<(), Error> {
     let mut files: Vec<String> = std::env::args().skip(1).collect();
@@ -74,6 +75,11 @@ fn time<S>(mut at: S, run: impl FnOnce(&mut S) -> Result<(), Error>) -> Result<f
     Ok(cpu_ms() - start)
 }
 
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
 /// Every graph that `read` gives is one of which nothing is known, not even the order of elimination.
 fn measure<const N: usize, G: ChordalPose<N>>(
     read: impl Fn() -> Result<PoseGraph<G, N>, Error>,
@@ -99,24 +105,28 @@ fn measure<const N: usize, G: ChordalPose<N>>(
     };
     let iterate = |graph: &PoseGraph<G, N>, count| solve(graph, &steps(count)).map(drop);
     let both = |graph: &mut PoseGraph<G, N>| chordal(graph).and_then(|()| iterate(graph, 1));
-    let [mut one, mut nine, mut relaxed_one, mut relax_ms] = [f64::INFINITY; 4];
+    let (mut one, mut relax) = (Vec::new(), Vec::new());
+    let (mut iteration, mut added) = (Vec::new(), Vec::new());
     for _ in 0..RUNS {
-        // in turns, since differences are of interest
-        one = one.min(time(place(&relaxed)?, |graph| iterate(graph, 1))?);
-        relaxed_one = relaxed_one.min(time(read()?, both)?);
-        nine = nine.min(time(place(&relaxed)?, |graph| iterate(graph, 9))?);
-        relax_ms = relax_ms.min(time(read()?, |graph| chordal(graph))?);
+        // side by side, so that both have the same clock
+        let first = time(place(&relaxed)?, |graph| iterate(graph, 1))?;
+        added.push(time(read()?, both)? - first);
+        iteration.push((time(place(&relaxed)?, |graph| iterate(graph, 9))? - first) / 8.0);
+        relax.push(time(read()?, |graph| chordal(graph))?);
+        one.push(first);
     }
+    let [one, relax_ms, iteration_ms, chordal_ms] = [one, relax, iteration, added].map(median);
     let mut best = relaxed.clone();
     best.update(&found.solution);
-    let [mut certify_ms, mut certify_alone_ms] = [f64::INFINITY; 2];
+    let (mut after, mut alone) = (Vec::new(), Vec::new());
     for _ in 0..RUNS {
         let solved = place(&best)?;
         iterate(&solved, 1)?;
-        certify_ms = certify_ms.min(time(solved, |graph| certify(graph).map(drop))?);
-        certify_alone_ms = certify_alone_ms.min(time(place(&best)?, |graph| certify(graph).map(drop))?);
+        after.push(time(solved, |graph| certify(graph).map(drop))?);
+        alone.push(time(place(&best)?, |graph| certify(graph).map(drop))?);
     }
-    let (certificate, iteration_ms, chordal_ms) = (found.certificate, (nine - one) / 8.0, relaxed_one - one);
+    let [certify_ms, certify_alone_ms] = [after, alone].map(median);
+    let certificate = found.certificate;
     println!(
         "{{\"file\":{file:?},\"objective\":{},\"slack\":{},\"gap\":{},\"rank\":{},\"steps\":{},\
          \"search_ms\":{search_ms:.1},\"iteration_ms\":{iteration_ms:.3},\"first_iteration_ms\":{one:.3},\
