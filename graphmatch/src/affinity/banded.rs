@@ -1,5 +1,4 @@
 use nalgebra::DMatrix;
-use pulp::{Arch, Simd, WithSimd};
 
 use super::AffinityParams;
 
@@ -73,34 +72,17 @@ impl Banded {
     }
 
     /// `y = S x` without the weights of pairs.
-    pub(super) fn multiply(&self, columns: usize, x: &[f64], y: &mut [f64]) {
-        Arch::new().dispatch(Product { banded: self, columns, x, y });
-    }
-}
-
-struct Product<'a> {
-    banded: &'a Banded,
-    columns: usize,
-    x: &'a [f64],
-    y: &'a mut [f64],
-}
-
-impl WithSimd for Product<'_> {
-    type Output = ();
-
-    /// What is inlined here is compiled for the machine: three-operand instructions save a third of the loop.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        let Self { banded, columns, x, y } = self;
+    pub(super) fn multiply(&self, columns: usize, x: &[f64], y: &mut [f64]) {
         y.fill(0.0);
-        for (k, edge) in banded.edges1.iter().enumerate() {
+        for (k, edge) in self.edges1.iter().enumerate() {
             // Ends ascend, so row j starts behind row i.
             let [i, j] = edge.ends.map(|e| e as usize * columns);
             let (xi, xj) = (&x[i..i + columns], &x[j..j + columns]);
             let (head, tail) = y.split_at_mut(j);
             let (yi, yj) = (&mut head[i..i + columns], &mut tail[..columns]);
-            let partners = &banded.edges2[banded.first[k] as usize..];
-            for (value, partner) in banded.values[banded.start[k]..banded.start[k + 1]].iter().zip(partners) {
+            let partners = &self.edges2[self.first[k] as usize..];
+            for (value, partner) in self.values[self.start[k]..self.start[k + 1]].iter().zip(partners) {
                 let [a, b] = partner.ends.map(|e| e as usize);
                 yi[a] += value * xj[b];
                 yj[b] += value * xi[a];

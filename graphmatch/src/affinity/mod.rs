@@ -6,6 +6,7 @@ mod rows;
 mod sparse;
 
 use nalgebra::{DMatrix, Point2};
+use pulp::{Arch, NullaryFnOnce};
 
 pub use params::{AffinityParams, Attributes, Kernel};
 
@@ -141,6 +142,11 @@ impl Affinity {
 
     /// [`Affinity::multiply`] for vectors known to fit.
     pub(crate) fn apply(&self, x: &[f64], y: &mut [f64]) {
+        Arch::new().dispatch(Product { affinity: self, x, y });
+    }
+
+    #[inline(always)]
+    fn product(&self, x: &[f64], y: &mut [f64]) {
         match &self.form {
             Form::Banded(_, Some(rows)) => rows.multiply(x, y),
             Form::Banded(banded, None) => {
@@ -160,6 +166,22 @@ impl Affinity {
             Form::Banded(banded, _) => 2 * banded.stored(),
             Form::Sparse(sparse) => sparse.stored(),
         }
+    }
+}
+
+struct Product<'a> {
+    affinity: &'a Affinity,
+    x: &'a [f64],
+    y: &'a mut [f64],
+}
+
+impl NullaryFnOnce for Product<'_> {
+    type Output = ();
+
+    /// What is inlined here is compiled for the machine: three-operand instructions save a third of the loops.
+    #[inline(always)]
+    fn call(self) {
+        self.affinity.product(self.x, self.y);
     }
 }
 

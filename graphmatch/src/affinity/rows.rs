@@ -1,5 +1,3 @@
-use pulp::{Arch, Simd, WithSimd};
-
 use super::banded::Banded;
 
 /// Rows of a small matrix, four of like length side by side, so that a product only reads: edge by edge it would write four
@@ -51,29 +49,13 @@ impl Rows {
     }
 
     /// `y = S x`.
-    pub(super) fn multiply(&self, x: &[f64], y: &mut [f64]) {
-        Arch::new().dispatch(Product { rows: self, x, y });
-    }
-}
-
-struct Product<'a> {
-    rows: &'a Rows,
-    x: &'a [f64],
-    y: &'a mut [f64],
-}
-
-impl WithSimd for Product<'_> {
-    type Output = ();
-
-    /// What is inlined here is compiled for the vectors of the machine.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        let Self { rows, x, y } = self;
+    pub(super) fn multiply(&self, x: &[f64], y: &mut [f64]) {
         let mut padded = [0.0; PAIRS];
         padded[..x.len()].copy_from_slice(x);
-        for (k, four) in rows.order.chunks(4).enumerate() {
-            let run = rows.start[k]..rows.start[k + 1];
-            let (columns, values) = (&rows.column[run.clone()], &rows.value[run]);
+        for (k, four) in self.order.chunks(4).enumerate() {
+            let run = self.start[k]..self.start[k + 1];
+            let (columns, values) = (&self.column[run.clone()], &self.value[run]);
             // Two sums a row, as one would wait for itself.
             let mut sums = [[0.0; 4]; 2];
             for (columns, values) in columns.chunks_exact(2).zip(values.chunks_exact(2)) {
