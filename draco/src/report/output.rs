@@ -14,7 +14,7 @@ use crate::Error;
 /// # Errors
 /// [`Error::OutputFolder`], and [`Error::Io`] with the file that could not be written; `dir` is then as it was.
 pub fn write_run(report: &RunReport, dir: &Path) -> Result<(), Error> {
-    check_output_folder(dir)?;
+    check_content(dir)?;
     let staging = beside(dir, "partial")?;
     let written = stage(report, &staging).and_then(|()| publish(&staging, dir));
     if written.is_err() {
@@ -30,15 +30,17 @@ pub fn write_run(report: &RunReport, dir: &Path) -> Result<(), Error> {
 /// # Errors
 /// [`Error::OutputFolder`] that says what is in the way, [`Error::Io`] where nothing can be written.
 pub fn check_output_folder(dir: &Path) -> Result<(), Error> {
-    if dir.exists() {
-        check_content(dir)?;
-    }
+    check_content(dir)?;
     let trial = beside(dir, "partial")?;
     fs::remove_dir(&trial).map_err(io(&trial))
 }
 
+/// Whether nothing but an earlier result is at `dir`.
 fn check_content(dir: &Path) -> Result<(), Error> {
     let refuse = |reason: String| Err(Error::OutputFolder { path: dir.to_path_buf(), reason });
+    if !dir.exists() {
+        return Ok(());
+    }
     if !dir.is_dir() {
         return refuse("is not a folder".into());
     }
