@@ -8,8 +8,8 @@ use super::rows::{count, is_empty};
 use super::threads;
 use crate::graph::bit_matrix::Apart;
 
-/// An independent set of a complement, a clique of its graph, of more than `lower` vertices: the largest, or one of at least `enough`, which no clique
-/// exceeds; or `None`.
+/// An independent set of a complement, a clique of its graph, of more than `lower` vertices: the largest, or one of at
+/// least `enough`, which no clique exceeds; or `None`.
 ///
 /// * `hint` – may know a clique of `enough`; asked if the search does not end at once.
 ///
