@@ -37,18 +37,18 @@ fn cell(name: impl Into<String>, params: Harbor, bars: &[Bar]) -> Cell {
     Cell { name: name.into(), params, ignore_prior: false, bars: bars.to_vec() }
 }
 
-/// Fixed groups of six of robots 0 and 1 alone, the biased ones 2 m off.
-fn lone(groups: &[bool], prior_sigma: f64) -> Harbor {
-    let groups = groups.iter().map(|&biased| Some((6, biased))).collect();
+/// Robots 0 and 1 of the fixed regression alone, with these of its groups: three good closures, six 2 m off.
+fn lone(groups: &[(usize, bool)], prior_sigma: f64) -> Harbor {
+    let groups = groups.iter().map(|&group| Some(group)).collect();
     Harbor {
         robots: 2,
         meetings: vec![Meetings { first: 0, second: 1, groups }],
-        prior_sigma,
-        bias: Bias::Translation(2.0),
-        gross_share: 0.0,
-        ..Harbor::default()
+        ..Harbor::fixed_regression(prior_sigma)
     }
 }
+
+const GOOD: (usize, bool) = (3, false);
+const BIASED: (usize, bool) = (6, true);
 
 const THIRD_OF_PCM: f64 = 1.0 / 3.0;
 
@@ -139,23 +139,27 @@ fn votes() -> Vec<Cell> {
         ("two slips", Bias::Mixed, [None, None]),
         ("equal slips", Bias::SharedSlip, [Some(0.04), Some(0.02)]),
     ] {
-        let bars = bars.map(|most| most.map(Biased).into_iter().collect::<Vec<_>>());
-        cells.push(cell(format!("2:1 {name} s=0.5"), Harbor::majority(bias, 0.5), &bars[0]));
-        let mut params = Harbor::majority(bias, 0.5);
-        params.meetings.push(Meetings { first: 1, second: 2, groups: vec![Some((6, false)); 2] });
-        cells.push(cell(format!("2:1 {name} + b-c s=0.5"), params, &bars[1]));
+        // the drift of the fixed regression, and that of the sweep for comparison
+        for (drift, odometry) in [("", 0.1), (" 30 %", 0.3)] {
+            let bars =
+                bars.map(|most| most.filter(|_| odometry < 0.2).map(Biased).into_iter().collect::<Vec<_>>());
+            let mut params = Harbor { odometry, ..Harbor::majority(bias, 0.5) };
+            cells.push(cell(format!("2:1 {name}{drift} s=0.5"), params.clone(), &bars[0]));
+            params.meetings.push(Meetings { first: 1, second: 2, groups: vec![Some((6, false)); 2] });
+            cells.push(cell(format!("2:1 {name} + b-c{drift} s=0.5"), params, &bars[1]));
+        }
     }
     let unbiased = |params| Harbor { biased_share: 0.0, ..params };
     cells.push(cell("star none biased", unbiased(Harbor::star(2, 4)), &[Good(0.98)]));
     cells.push(cell("cyc none biased", unbiased(Harbor::star(2, 4).with_cycles(3)), &[Good(0.98)]));
     let nothing = |name: &str, params| Cell { ignore_prior: true, ..cell(name, params, &[Undecided(0.98)]) };
-    cells.push(nothing("1:1 no prior", lone(&[false, true], 1.0)));
-    cells.push(nothing("one good no prior", lone(&[false], 1.0)));
-    cells.push(nothing("one biased no prior", lone(&[true], 1.0)));
-    cells.push(cell("1:1 s=0.3", lone(&[false, true], 0.3), &[]));
-    cells.push(cell("1:1 s=1", lone(&[false, true], 1.0), &[]));
-    cells.push(cell("one good s=0.5", lone(&[false], 0.5), &[]));
-    cells.push(cell("one biased s=0.5", lone(&[true], 0.5), &[]));
+    cells.push(nothing("1:1 no prior", lone(&[GOOD, BIASED], 1.0)));
+    cells.push(nothing("one good no prior", lone(&[GOOD], 1.0)));
+    cells.push(nothing("one biased no prior", lone(&[BIASED], 1.0)));
+    cells.push(cell("1:1 s=0.3", lone(&[GOOD, BIASED], 0.3), &[]));
+    cells.push(cell("1:1 s=1", lone(&[GOOD, BIASED], 1.0), &[]));
+    cells.push(cell("one good s=0.5", lone(&[GOOD], 0.5), &[]));
+    cells.push(cell("one biased s=0.5", lone(&[BIASED], 0.5), &[]));
     cells
 }
 

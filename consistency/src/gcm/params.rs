@@ -64,7 +64,8 @@ pub struct GcmParams {
     pub alpha: f64,
     /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
     pub spike: Sigma,
-    /// `S_T`: translation slip, in the common map frame; default 3 m, 0.02 rad.
+    /// `S_T`: translation slip, in the common map frame; default 4 m, 0.015 rad: spacings of 2 to 6 m, and what repeats
+    /// itself lies parallel to within a degree.
     pub slip: Sigma,
     /// Slips shorter than this do not exist: what is off by less is harmless, metres; default 0.75, half the finest
     /// spacing of the structures thought of. 0 allows all.
@@ -120,7 +121,7 @@ impl Default for GcmParams {
             gross_share_single: 0.50,
             alpha: 0.25,
             spike: Sigma::new(0.1, 0.005),
-            slip: Sigma::new(3.0, 0.02),
+            slip: Sigma::new(4.0, 0.015),
             least_slip: 0.75,
             yaw: Sigma::new(0.3, 0.07),
             gross: Sigma::new(6.0, 0.5),
