@@ -4,6 +4,7 @@ use super::budget::Meter;
 use super::cover::Cover;
 use super::incumbent::{Incumbent, START};
 use super::order::{DENSE, density, order_above};
+use super::penalties;
 use super::rows::{Set, and, and_not, closed, count, drop, first, full, is_empty, put, with_width};
 use super::search::{self, Problem, Rival, Within};
 use super::threads;
@@ -25,17 +26,25 @@ fn search_wide<const W: usize>(
 ) -> Option<Vec<usize>> {
     let split = Split::<W>::new(problem, lower, enough);
     let scratch = || Cover::new(problem.counted);
-    let found = threads::run_all(split.parts.len(), meter, scratch, |index, cover, meter| {
-        split.run(index, cover, meter)
-    });
+    let (mut cover, begun) = (scratch(), meter.nodes);
+    // Parts become larger and larger. One after the other, until it is clear whether the search is long.
+    let (early, mut found) = (split.parts.len() / EARLY, Vec::new());
+    while found.len() < early && meter.nodes < begun + MANY_NODES && !meter.stopped {
+        found.push(split.run(found.len(), &mut cover, meter));
+    }
+    let hint = if problem.counted && found.len() < early { split.hint(meter) } else { None };
+    let first = found.len();
+    found.extend(threads::run_all(split.parts.len() - first, meter, scratch, |index, cover, meter| {
+        split.run(first + index, cover, meter)
+    }));
     let (weight, index) = split.incumbent.get();
     if index == START {
-        return None;
+        return hint;
     }
     if meter.stopped {
         // There is no time to look for the same set each time.
         let total = |clique: &Vec<usize>| clique.iter().map(|&v| problem.weights[v]).sum::<u64>();
-        return found.into_iter().flatten().max_by_key(total);
+        return found.into_iter().chain([hint]).flatten().max_by_key(total);
     }
     let part = split.parts.get(index as usize)?;
     let rest = weight - problem.weights[part.vertex];
@@ -81,6 +90,14 @@ impl<'a, const W: usize> Split<'a, W> {
             (true, false) => 3 * FEW,
         };
         Self { problem, adjacent, parts, incumbent: Incumbent::new(lower), enough, few }
+    }
+
+    /// A clique larger than all known ones, where looking for one is little against what is to come.
+    fn hint(&self, meter: &mut Meter) -> Option<Vec<usize>> {
+        let known = self.incumbent.to_beat(0, 0);
+        let found = penalties::search(&self.problem.matrix.apart_all(), HINT_STEPS, self.enough, meter);
+        self.incumbent.raise(found.len() as u64);
+        (found.len() as u64 > known).then_some(found)
     }
 
     /// A clique of a part heavier than all known ones, if it is searched to its end its heaviest.
@@ -143,6 +160,13 @@ impl<'a, const W: usize> Split<'a, W> {
         Some(found.into_iter().map(|v| vertices[v]).collect())
     }
 }
+
+/// A search is long if it takes so many nodes to get through the first of so many equal shares of its parts: millions.
+const MANY_NODES: u64 = 20_000;
+const EARLY: usize = 3;
+
+/// Steps of the search for a better start of a long search: about a second, where the search is more than five.
+const HINT_STEPS: u64 = 1_000_000;
 
 /// Words of rows that one instruction handles, so that shorter rows would be no faster.
 const NARROW: usize = 4;

@@ -41,22 +41,21 @@ fn in_order(
 ) -> Option<Vec<usize>> {
     let n = matrix.len();
     let start = extend(&matrix, 0..n);
-    let moves = if density(&matrix) > DENSE { LOCAL_MOVES } else { EASY_MOVES.min(n * n / 8) };
+    let dense = density(&matrix) > DENSE;
+    let moves = if dense { LOCAL_MOVES } else { EASY_MOVES.min(n * n / 8) };
     let steps = (LOCAL_STEPS * n).min(moves / (1 + missing_degree(&matrix) as usize));
-    let start = local_search::improve(&apart(&matrix), &weights, &start, steps, enough);
+    let start = local_search::improve(&matrix.apart_all(), &weights, &start, steps, enough);
     let weight: u64 = start.iter().map(|&v| weights[v]).sum();
-    if weight <= lower {
-        return exactly(&matrix, &weights, lower, enough, meter);
-    }
     if weight >= enough {
         return Some(start);
     }
-    if (0..n).all(matters(&matrix, &weights, weight)) {
-        return exactly(&matrix, &weights, weight, enough, meter).or(Some(start));
+    let (best, lower) = if weight > lower { (Some(start), weight) } else { (None, lower) };
+    if !dense && (0..n).all(matters(&matrix, &weights, lower)) {
+        return exactly(&matrix, &weights, lower, enough, meter).or(best);
     }
-    let kept = order_above(&matrix, &weights, weight);
-    let found = exactly(&matrix.select(&kept), &pick(&weights, &kept), weight, enough, meter);
-    found.map(|clique| clique.into_iter().map(|v| kept[v]).collect()).or(Some(start))
+    let kept = order_above(&matrix, &weights, lower);
+    let found = exactly(&matrix.select(&kept), &pick(&weights, &kept), lower, enough, meter);
+    found.map(|clique| clique.into_iter().map(|v| kept[v]).collect()).or(best)
 }
 
 fn pick(weights: &[u64], vertices: &[usize]) -> Vec<u64> {
@@ -101,10 +100,6 @@ pub(super) fn is_near_clique(vertices: usize, missing: usize) -> bool {
     2.0 * missing as f64 <= SPARSE_COMPLEMENT * vertices as f64
 }
 
-fn apart(matrix: &BitMatrix) -> Apart {
-    matrix.apart(&(0..matrix.len()).collect::<Vec<usize>>())
-}
-
 /// Takes the search that fits.
 fn exactly(
     matrix: &BitMatrix,
@@ -115,7 +110,7 @@ fn exactly(
 ) -> Option<Vec<usize>> {
     let counted = counts(weights);
     if counted && missing_degree(matrix) <= SPARSE_COMPLEMENT {
-        sparse_complement(&apart(matrix), lower as usize, enough as usize, &|| None, meter)
+        sparse_complement(&matrix.apart_all(), lower as usize, enough as usize, &|| None, meter)
     } else {
         by_vertex::search(Problem { matrix, weights, counted }, lower, enough, meter)
     }
