@@ -3,12 +3,12 @@
 use super::budget::Meter;
 use super::cover::Cover;
 use super::incumbent::{Incumbent, START};
-use super::order::{DENSE, density, order_above};
+use super::order::{DENSE, density, order_among};
 use super::penalties;
-use super::rows::{Set, and, and_not, closed, count, drop, first, full, is_empty, put, with_width};
+use super::rows::{Set, and, and_not, closed, count, drop, first, full, is_empty, members, put, with_width};
 use super::search::{self, Problem, Rival, Within};
 use super::threads;
-use crate::graph::{Adjacency, bit_matrix::BitMatrix, bits};
+use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 
 /// A clique heavier than `lower`: the heaviest, or one of at least `enough`; or `None`.
 ///
@@ -142,15 +142,19 @@ impl<'a, const W: usize> Split<'a, W> {
         rival: Option<Rival<'_>>,
         meter: &mut Meter,
     ) -> Option<Vec<usize>> {
-        let mut vertices: Vec<usize> = bits::iter(&part.around).collect();
-        let mut matrix = BitMatrix::gather(64 * W, &vertices, |v| &self.adjacent[v]);
         // Where few vertices are joined parts are small work, and the order of the whole graph will do.
-        if !self.problem.counted || density(&matrix) > DENSE {
-            let weights: Vec<u64> = vertices.iter().map(|&v| self.problem.weights[v]).collect();
-            let order = order_above(&matrix, &weights, lower);
-            matrix = matrix.select(&order);
-            vertices = order.into_iter().map(|v| vertices[v]).collect();
+        let near = |v: usize| {
+            let mut near = and(&part.around, &self.adjacent[v]);
+            drop(&mut near, v);
+            near
+        };
+        let size = f64::from(count(&part.around));
+        let ends: u32 = members(part.around).map(|v| count(&near(v))).sum();
+        let mut vertices: Vec<usize> = members(part.around).collect();
+        if !self.problem.counted || f64::from(ends) > DENSE * size * size {
+            vertices = order_among(vertices, |v| members(near(v)), self.problem.weights, lower);
         }
+        let matrix = BitMatrix::gather(64 * W, &vertices, |v| &self.adjacent[v]);
         let weights: Vec<u64> = vertices.iter().map(|&v| self.problem.weights[v]).collect();
         if weights.iter().sum::<u64>() <= lower {
             return None;
@@ -173,4 +177,4 @@ const NARROW: usize = 4;
 
 /// Vertices to branch on up to which a part is not worth rows and an order of its own; three times as many where few
 /// vertices are joined, since each of them is less work.
-const FEW: u32 = 8;
+const FEW: u32 = 16;

@@ -3,7 +3,7 @@
 use super::budget::Meter;
 use super::greedy::extend;
 use super::local_search;
-use super::order::{DENSE, density, matters, order, order_above};
+use super::order::{DENSE, density, matters, order_above};
 use super::peels::Peels;
 use super::rows::{closed, full, with_width};
 use super::search::Problem;
@@ -146,9 +146,9 @@ pub(super) fn bound(matrix: &BitMatrix, weights: &[u64]) -> u64 {
 }
 
 fn bound_wide<const W: usize>(matrix: &BitMatrix, weights: &[u64]) -> u64 {
-    let order = order(matrix, weights);
+    let order = order_above(matrix, weights, 0);
     let weights = pick(weights, &order);
-    Peels::<W>::new().bound(&closed(&matrix.select(&order)), &weights, full(matrix.len()))
+    Peels::<W>::new().bound(&closed(&matrix.select(&order)), &weights, full(order.len()))
 }
 
 /// Steps of the local search a vertex, and a limit on what all of them may touch; less where few vertices are joined,
