@@ -178,3 +178,29 @@ const NARROW: usize = 4;
 /// Vertices to branch on up to which a part is not worth rows and an order of its own; three times as many where few
 /// vertices are joined, since each of them is less work.
 const FEW: u32 = 16;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clique::{Budget, maximum};
+    use crate::graph::Graph;
+    use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn a_hint_counts_for_every_part() {
+        let rng = &mut rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let pairs = (0..60).flat_map(|a| (0..a).map(move |b| (a, b)));
+        let edges: Vec<(usize, usize)> = pairs.filter(|_| rng.random_bool(0.6)).collect();
+        let graph = Graph::from_edges(60, edges).unwrap();
+        let best = maximum(&graph, &Budget::UNLIMITED).value as u64;
+        let problem = Problem { matrix: graph.matrix(), weights: &[1; 60], counted: true };
+        let split = Split::<1>::new(problem, 3, 60);
+        let hint = split.hint(&mut Meter::unlimited()).unwrap();
+        assert!(graph.is_clique(&hint));
+        assert_eq!((hint.len() as u64, split.incumbent.get()), (best, (best, START)));
+        let cover = &mut Cover::new(true);
+        let found = (0..split.parts.len()).filter_map(|i| split.run(i, cover, &mut Meter::unlimited()));
+        assert_eq!(found.count(), 0);
+        assert_eq!(Split::<1>::new(problem, best, 60).hint(&mut Meter::unlimited()), None);
+    }
+}

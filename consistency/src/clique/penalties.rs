@@ -125,3 +125,46 @@ impl Penalties<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clique::{Budget, maximum};
+    use crate::graph::{Adjacency, Graph};
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    /// Random edges, and a clique of the first `hidden` vertices, which have fewer neighbours than the others.
+    fn with_hidden_clique(n: usize, hidden: usize, rng: &mut ChaCha8Rng) -> Graph {
+        let density = |a: usize, b: usize| match (a < hidden, b < hidden) {
+            (true, true) => 1.0,
+            (false, false) => 0.7,
+            _ => 0.55,
+        };
+        let pairs = (0..n).flat_map(|a| (0..a).map(move |b| (a, b)));
+        let edges: Vec<(usize, usize)> = pairs.filter(|&(a, b)| rng.random_bool(density(a, b))).collect();
+        Graph::from_edges(n, edges).unwrap()
+    }
+
+    #[test]
+    fn hidden_cliques_are_found() {
+        for seed in 0..10 {
+            let graph = with_hidden_clique(100, 15, &mut ChaCha8Rng::seed_from_u64(seed));
+            let best = maximum(&graph, &Budget::UNLIMITED).value;
+            let found = search(&graph.matrix().apart_all(), 50_000, 100, &mut Meter::unlimited());
+            assert!(graph.is_clique(&found) && found.len() == best, "seed {seed}: {} of {best}", found.len());
+        }
+    }
+
+    #[test]
+    fn degenerate_graphs_end() {
+        for n in 0..4 {
+            let empty = Graph::from_edges(n, []).unwrap();
+            let found = search(&empty.matrix().apart_all(), 100, 9, &mut Meter::unlimited());
+            assert_eq!(found.len(), n.min(1));
+            let complete = Graph::from_edges(n, (0..n).flat_map(|a| (0..a).map(move |b| (a, b)))).unwrap();
+            let found = search(&complete.matrix().apart_all(), 100, 9, &mut Meter::unlimited());
+            assert_eq!(found.len(), n);
+        }
+    }
+}
