@@ -50,7 +50,8 @@ fn in_order(
         return Some(start);
     }
     let (best, lower) = if weight > lower { (Some(start), weight) } else { (None, lower) };
-    if !dense && (0..n).all(matters(&matrix, &weights, lower)) {
+    let ordered = !dense || through_complement(&matrix, &weights);
+    if ordered && (0..n).all(matters(&matrix, &weights, lower)) {
         return exactly(&matrix, &weights, lower, enough, meter).or(best);
     }
     let kept = order_above(&matrix, &weights, lower);
@@ -108,12 +109,17 @@ fn exactly(
     enough: u64,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let counted = counts(weights);
-    if counted && missing_degree(matrix) <= SPARSE_COMPLEMENT {
+    if through_complement(matrix, weights) {
         sparse_complement(&matrix.apart_all(), lower as usize, enough as usize, &|| None, meter)
     } else {
+        let counted = counts(weights);
         by_vertex::search(Problem { matrix, weights, counted }, lower, enough, meter)
     }
+}
+
+/// Whether a graph is searched through its complement, where the order of its vertices does not matter.
+fn through_complement(matrix: &BitMatrix, weights: &[u64]) -> bool {
+    missing_degree(matrix) <= SPARSE_COMPLEMENT && counts(weights)
 }
 
 /// A clique of more than `lower` vertices: the largest, or one of at least `enough`; or `None`.
