@@ -90,10 +90,7 @@ impl<G: Pose<N>, const N: usize> Pcm<G, N> {
         set.cliques.insert(&neighbors)?;
         self.closures.push(*closure);
         let after = set.accepted(self.params.minimum);
-        Ok(Change {
-            accepted: after.iter().filter(|c| !before.contains(c)).copied().collect(),
-            withdrawn: before.iter().filter(|c| !after.contains(c)).copied().collect(),
-        })
+        Ok(Change { accepted: without(&after, &before), withdrawn: without(&before, &after) })
     }
 
     /// Replaces a robot's trajectory, for example after an optimisation, and tests its closures anew.
@@ -124,7 +121,13 @@ impl<G: Pose<N>, const N: usize> Pcm<G, N> {
     }
 }
 
+/// What of `all` is not among `others`; both ascend.
+fn without(all: &[usize], others: &[usize]) -> Vec<usize> {
+    all.iter().filter(|c| others.binary_search(c).is_err()).copied().collect()
+}
+
 impl<G, const N: usize> PairSet<G, N> {
+    /// Closures accepted, ascending.
     fn accepted(&self, minimum: usize) -> Vec<usize> {
         let vertices = &self.cliques.best().vertices;
         if vertices.len() < minimum {

@@ -73,3 +73,14 @@ fn near_cliques_that_are_split_into_parts_are_the_same_on_any_number_of_threads(
         same(&format!("seed {seed}"), || clique::maximum(&graph, &Budget::UNLIMITED).vertices);
     }
 }
+
+#[test]
+#[ignore = "a minute: millions of nodes"]
+fn long_searches_are_the_same_on_any_number_of_threads() {
+    let graph = random_graph(300, 0.72, &mut rng(3));
+    same("long", || {
+        let found = clique::maximum(&graph, &Budget::UNLIMITED);
+        assert!(found.optimal && found.nodes > 500_000, "{}", found.nodes);
+        found.vertices
+    });
+}

@@ -3,11 +3,12 @@
 use super::budget::Meter;
 use super::cover::Cover;
 use super::incumbent::{Incumbent, START};
-use super::order::{DENSE, density, order_above};
-use super::rows::{Set, and, and_not, closed, count, drop, first, full, is_empty, put, with_width};
+use super::order::{DENSE, density, order_among};
+use super::penalties;
+use super::rows::{Set, and, and_not, closed, count, drop, first, full, is_empty, members, put, with_width};
 use super::search::{self, Problem, Rival, Within};
 use super::threads;
-use crate::graph::{Adjacency, bit_matrix::BitMatrix, bits};
+use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 
 /// A clique heavier than `lower`: the heaviest, or one of at least `enough`; or `None`.
 ///
@@ -25,17 +26,25 @@ fn search_wide<const W: usize>(
 ) -> Option<Vec<usize>> {
     let split = Split::<W>::new(problem, lower, enough);
     let scratch = || Cover::new(problem.counted);
-    let found = threads::run_all(split.parts.len(), meter, scratch, |index, cover, meter| {
-        split.run(index, cover, meter)
-    });
+    let (mut cover, begun) = (scratch(), meter.nodes);
+    // Parts become larger and larger. One after the other, until it is clear whether the search is long.
+    let (early, mut found) = (split.parts.len() / EARLY, Vec::new());
+    while found.len() < early && meter.nodes < begun + MANY_NODES && !meter.stopped {
+        found.push(split.run(found.len(), &mut cover, meter));
+    }
+    let hint = if problem.counted && found.len() < early { split.hint(meter) } else { None };
+    let first = found.len();
+    found.extend(threads::run_all(split.parts.len() - first, meter, scratch, |index, cover, meter| {
+        split.run(first + index, cover, meter)
+    }));
     let (weight, index) = split.incumbent.get();
     if index == START {
-        return None;
+        return hint;
     }
     if meter.stopped {
         // There is no time to look for the same set each time.
         let total = |clique: &Vec<usize>| clique.iter().map(|&v| problem.weights[v]).sum::<u64>();
-        return found.into_iter().flatten().max_by_key(total);
+        return found.into_iter().chain([hint]).flatten().max_by_key(total);
     }
     let part = split.parts.get(index as usize)?;
     let rest = weight - problem.weights[part.vertex];
@@ -83,6 +92,14 @@ impl<'a, const W: usize> Split<'a, W> {
         Self { problem, adjacent, parts, incumbent: Incumbent::new(lower), enough, few }
     }
 
+    /// A clique larger than all known ones, where looking for one is little against what is to come.
+    fn hint(&self, meter: &mut Meter) -> Option<Vec<usize>> {
+        let known = self.incumbent.to_beat(0, 0);
+        let found = penalties::search(&self.problem.matrix.apart_all(), HINT_STEPS, self.enough, meter);
+        self.incumbent.raise(found.len() as u64);
+        (found.len() as u64 > known).then_some(found)
+    }
+
     /// A clique of a part heavier than all known ones, if it is searched to its end its heaviest.
     fn run(&self, index: usize, cover: &mut Cover<W>, meter: &mut Meter) -> Option<Vec<usize>> {
         let part = &self.parts[index];
@@ -125,15 +142,19 @@ impl<'a, const W: usize> Split<'a, W> {
         rival: Option<Rival<'_>>,
         meter: &mut Meter,
     ) -> Option<Vec<usize>> {
-        let mut vertices: Vec<usize> = bits::iter(&part.around).collect();
-        let mut matrix = BitMatrix::gather(64 * W, &vertices, |v| &self.adjacent[v]);
         // Where few vertices are joined parts are small work, and the order of the whole graph will do.
-        if !self.problem.counted || density(&matrix) > DENSE {
-            let weights: Vec<u64> = vertices.iter().map(|&v| self.problem.weights[v]).collect();
-            let order = order_above(&matrix, &weights, lower);
-            matrix = matrix.select(&order);
-            vertices = order.into_iter().map(|v| vertices[v]).collect();
+        let near = |v: usize| {
+            let mut near = and(&part.around, &self.adjacent[v]);
+            drop(&mut near, v);
+            near
+        };
+        let size = f64::from(count(&part.around));
+        let ends: u32 = members(part.around).map(|v| count(&near(v))).sum();
+        let mut vertices: Vec<usize> = members(part.around).collect();
+        if !self.problem.counted || f64::from(ends) > DENSE * size * size {
+            vertices = order_among(vertices, |v| members(near(v)), self.problem.weights, lower);
         }
+        let matrix = BitMatrix::gather(64 * W, &vertices, |v| &self.adjacent[v]);
         let weights: Vec<u64> = vertices.iter().map(|&v| self.problem.weights[v]).collect();
         if weights.iter().sum::<u64>() <= lower {
             return None;
@@ -144,9 +165,42 @@ impl<'a, const W: usize> Split<'a, W> {
     }
 }
 
+/// A search is long if it takes so many nodes to get through the first of so many equal shares of its parts: millions.
+const MANY_NODES: u64 = 20_000;
+const EARLY: usize = 3;
+
+/// Steps of the search for a better start of a long search: about a second, where the search is more than five.
+const HINT_STEPS: u64 = 1_000_000;
+
 /// Words of rows that one instruction handles, so that shorter rows would be no faster.
 const NARROW: usize = 4;
 
 /// Vertices to branch on up to which a part is not worth rows and an order of its own; three times as many where few
 /// vertices are joined, since each of them is less work.
-const FEW: u32 = 8;
+const FEW: u32 = 16;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clique::{Budget, maximum};
+    use crate::graph::Graph;
+    use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn a_hint_counts_for_every_part() {
+        let rng = &mut rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let pairs = (0..60).flat_map(|a| (0..a).map(move |b| (a, b)));
+        let edges: Vec<(usize, usize)> = pairs.filter(|_| rng.random_bool(0.6)).collect();
+        let graph = Graph::from_edges(60, edges).unwrap();
+        let best = maximum(&graph, &Budget::UNLIMITED).value as u64;
+        let problem = Problem { matrix: graph.matrix(), weights: &[1; 60], counted: true };
+        let split = Split::<1>::new(problem, 3, 60);
+        let hint = split.hint(&mut Meter::unlimited()).unwrap();
+        assert!(graph.is_clique(&hint));
+        assert_eq!((hint.len() as u64, split.incumbent.get()), (best, (best, START)));
+        let cover = &mut Cover::new(true);
+        let found = (0..split.parts.len()).filter_map(|i| split.run(i, cover, &mut Meter::unlimited()));
+        assert_eq!(found.count(), 0);
+        assert_eq!(Split::<1>::new(problem, best, 60).hint(&mut Meter::unlimited()), None);
+    }
+}

@@ -3,7 +3,7 @@
 use super::budget::Meter;
 use super::greedy::extend;
 use super::local_search;
-use super::order::{DENSE, density, matters, order, order_above};
+use super::order::{DENSE, density, matters, order_above};
 use super::peels::Peels;
 use super::rows::{closed, full, with_width};
 use super::search::Problem;
@@ -41,22 +41,22 @@ fn in_order(
 ) -> Option<Vec<usize>> {
     let n = matrix.len();
     let start = extend(&matrix, 0..n);
-    let moves = if density(&matrix) > DENSE { LOCAL_MOVES } else { EASY_MOVES.min(n * n / 8) };
+    let dense = density(&matrix) > DENSE;
+    let moves = if dense { LOCAL_MOVES } else { EASY_MOVES.min(n * n / 8) };
     let steps = (LOCAL_STEPS * n).min(moves / (1 + missing_degree(&matrix) as usize));
-    let start = local_search::improve(&apart(&matrix), &weights, &start, steps, enough);
+    let start = local_search::improve(&matrix.apart_all(), &weights, &start, steps, enough);
     let weight: u64 = start.iter().map(|&v| weights[v]).sum();
-    if weight <= lower {
-        return exactly(&matrix, &weights, lower, enough, meter);
-    }
     if weight >= enough {
         return Some(start);
     }
-    if (0..n).all(matters(&matrix, &weights, weight)) {
-        return exactly(&matrix, &weights, weight, enough, meter).or(Some(start));
+    let (best, lower) = if weight > lower { (Some(start), weight) } else { (None, lower) };
+    let ordered = !dense || through_complement(&matrix, &weights);
+    if ordered && (0..n).all(matters(&matrix, &weights, lower)) {
+        return exactly(&matrix, &weights, lower, enough, meter).or(best);
     }
-    let kept = order_above(&matrix, &weights, weight);
-    let found = exactly(&matrix.select(&kept), &pick(&weights, &kept), weight, enough, meter);
-    found.map(|clique| clique.into_iter().map(|v| kept[v]).collect()).or(Some(start))
+    let kept = order_above(&matrix, &weights, lower);
+    let found = exactly(&matrix.select(&kept), &pick(&weights, &kept), lower, enough, meter);
+    found.map(|clique| clique.into_iter().map(|v| kept[v]).collect()).or(best)
 }
 
 fn pick(weights: &[u64], vertices: &[usize]) -> Vec<u64> {
@@ -101,10 +101,6 @@ pub(super) fn is_near_clique(vertices: usize, missing: usize) -> bool {
     2.0 * missing as f64 <= SPARSE_COMPLEMENT * vertices as f64
 }
 
-fn apart(matrix: &BitMatrix) -> Apart {
-    matrix.apart(&(0..matrix.len()).collect::<Vec<usize>>())
-}
-
 /// Takes the search that fits.
 fn exactly(
     matrix: &BitMatrix,
@@ -113,12 +109,17 @@ fn exactly(
     enough: u64,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let counted = counts(weights);
-    if counted && missing_degree(matrix) <= SPARSE_COMPLEMENT {
-        sparse_complement(&apart(matrix), lower as usize, enough as usize, &|| None, meter)
+    if through_complement(matrix, weights) {
+        sparse_complement(&matrix.apart_all(), lower as usize, enough as usize, &|| None, meter)
     } else {
+        let counted = counts(weights);
         by_vertex::search(Problem { matrix, weights, counted }, lower, enough, meter)
     }
+}
+
+/// Whether a graph is searched through its complement, where the order of its vertices does not matter.
+fn through_complement(matrix: &BitMatrix, weights: &[u64]) -> bool {
+    missing_degree(matrix) <= SPARSE_COMPLEMENT && counts(weights)
 }
 
 /// A clique of more than `lower` vertices: the largest, or one of at least `enough`; or `None`.
@@ -151,9 +152,9 @@ pub(super) fn bound(matrix: &BitMatrix, weights: &[u64]) -> u64 {
 }
 
 fn bound_wide<const W: usize>(matrix: &BitMatrix, weights: &[u64]) -> u64 {
-    let order = order(matrix, weights);
+    let order = order_above(matrix, weights, 0);
     let weights = pick(weights, &order);
-    Peels::<W>::new().bound(&closed(&matrix.select(&order)), &weights, full(matrix.len()))
+    Peels::<W>::new().bound(&closed(&matrix.select(&order)), &weights, full(order.len()))
 }
 
 /// Steps of the local search a vertex, and a limit on what all of them may touch; less where few vertices are joined,

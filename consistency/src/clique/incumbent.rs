@@ -14,7 +14,7 @@ struct Known {
     by: u32,
 }
 
-/// Part that stands for what was known before any part was searched.
+/// Part that stands for what no part found.
 pub(super) const START: u32 = u32::MAX;
 
 impl Incumbent {
@@ -41,8 +41,17 @@ impl Incumbent {
         }
     }
 
+    /// A clique of this weight was found outside of all parts.
+    pub(super) fn raise(&self, weight: u64) {
+        let mut known = self.known.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if weight > known.weight {
+            *known = Known { weight, by: START };
+            self.weight.store(weight, Ordering::Relaxed);
+        }
+    }
+
     /// Weight that part `index`, which has `own` to beat already, has to beat: an equal one of a later part does not
-    /// count, but the one known at the start always does.
+    /// count, but one that no part found always does.
     #[inline(always)]
     pub(super) fn to_beat(&self, index: u32, own: u64) -> u64 {
         if self.weight.load(Ordering::Relaxed) <= own {

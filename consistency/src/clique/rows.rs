@@ -3,6 +3,7 @@
 use crate::graph::{
     Adjacency,
     bit_matrix::{Apart, BitMatrix},
+    bits::iter_word,
 };
 
 /// A set of vertices as `W` words.
@@ -78,6 +79,12 @@ pub(super) fn put<const W: usize>(set: &mut Set<W>, v: usize) {
 #[inline(always)]
 pub(super) fn drop<const W: usize>(set: &mut Set<W>, v: usize) {
     set[(v / 64) % W] &= !(1 << (v % 64));
+}
+
+/// Members in ascending order.
+#[inline]
+pub(super) fn members<const W: usize>(set: Set<W>) -> impl Iterator<Item = usize> {
+    set.into_iter().enumerate().flat_map(|(block, word)| iter_word(word).map(move |bit| 64 * block + bit))
 }
 
 /// Rows of `W` words, at least as many as those of `matrix`, that hold their own vertex too.

@@ -145,6 +145,11 @@ impl BitMatrix {
         apart
     }
 
+    /// Which vertices are not joined to which.
+    pub(crate) fn apart_all(&self) -> Apart {
+        self.apart(&(0..self.vertices).collect::<Vec<usize>>())
+    }
+
     /// Number of pairs of `vertices` that are not joined.
     pub(crate) fn missing(&self, vertices: &[usize]) -> usize {
         let mut inside = vec![0; self.words];
