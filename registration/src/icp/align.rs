@@ -174,7 +174,7 @@ impl<'a, const D: usize> Problem<'a, D> {
         Ok(Self {
             target,
             params,
-            association: Association::new(points.len(), params.max_distance),
+            association: Association::new(&points, params.max_distance),
             radius: if mean_sq > 0.0 { mean_sq.sqrt() } else { 1.0 },
             points,
             normals: if both { source.normals() } else { None },
@@ -209,7 +209,7 @@ impl<'a, const D: usize> Problem<'a, D> {
     /// Fills `matched` and `kept`.
     pub(crate) fn associate(&mut self, pose: &Pose<D>) {
         let (r, t) = (&pose.rotation, &pose.translation);
-        self.association.update(&self.target.tree, &self.points, r, t, &mut self.matched);
+        self.association.update(&self.target.tree, r, t, &mut self.matched);
         if let Some(source_tree) = &self.source_tree {
             let tree = &self.target.tree;
             self.matched.retain(|pair| {
