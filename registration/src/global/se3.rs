@@ -452,11 +452,10 @@ fn last_kept(squares: &[f64], keep: f64) -> f64 {
 /// The largest distance from a point of `target` to the nearest of `coarse`, and the mean of the squares.
 fn cover(target: &Target<3>, coarse: &Target<3>) -> (f64, f64) {
     let shift = target.origin - coarse.origin;
-    let mut guess = 0;
+    let places: Vec<_> = (0..target.len()).map(|i| target.tree.point_at(i) + shift).collect();
     let (mut most, mut sum) = (0.0f64, 0.0);
-    for i in 0..target.len() {
-        let (position, distance_sq) = coarse.tree.nearest_from(&(target.tree.point_at(i) + shift), guess);
-        (guess, most) = (position, most.max(distance_sq));
+    for (_, distance_sq) in coarse.tree.nearest_to_each(&places) {
+        most = most.max(distance_sq);
         sum += distance_sq;
     }
     (most.sqrt(), sum / target.len() as f64)

@@ -1,6 +1,7 @@
 mod bounds;
 mod group;
 mod leaf;
+mod many;
 mod probe;
 mod tree;
 mod visitor;
