@@ -67,14 +67,19 @@ impl<const D: usize> Cached<D> {
 }
 
 impl<const D: usize> Cached<D> {
-    /// The nearest within `limit` metres, the walk begun at the leaf of `near` if that is a point.
+    /// The nearest within the query's limit, the walk begun at the leaf of `near` if that is a point; within `reach` if
+    /// rounding made the limit too small.
     #[inline(always)]
-    fn search(tree: &KdTree<D>, x: &SVector<f64, D>, limit: f64, near: u32) -> Self {
+    fn search(tree: &KdTree<D>, x: &SVector<f64, D>, limit: f64, reach: f64, near: u32) -> Self {
         let mut found = NearestFew::<{ CANDIDATES + 1 }>::within(limit * limit);
         if near == NONE {
             tree.search(x, &mut found);
         } else {
             tree.search_from(x, near, &mut found);
+        }
+        if found.positions[0] == NONE && limit < reach {
+            found = NearestFew::within(reach * reach);
+            tree.search(x, &mut found);
         }
         Self {
             query: *x,
@@ -109,7 +114,7 @@ impl<const D: usize> WithSimd for Queries<'_, D> {
     fn with_simd<S: Simd>(self, simd: S) {
         let lanes = Found::<S, D>::LANES.min(MOST_TOGETHER);
         let mut last = Last { place: SVector::repeat(f64::INFINITY), guard: 0.0, position: NONE };
-        let mut open = Open::new();
+        let mut open = Open::new(self.reach);
         for (cache, points) in self.cache.chunks_mut(lanes).zip(self.points.chunks(lanes)) {
             open.count = 0;
             for (lane, (cached, point)) in cache.iter_mut().zip(points).enumerate() {
@@ -152,6 +157,8 @@ struct Open<const D: usize> {
     places: [SVector<f64, D>; MOST_TOGETHER],
     /// As many points as are kept lie within, or all that count.
     limits: [f64; MOST_TOGETHER],
+    /// Nothing farther is wanted.
+    reach: f64,
 }
 
 /// Queries that are searched at once.
@@ -164,9 +171,9 @@ const FEWEST_TOGETHER: usize = 4;
 const WIDEST_TOGETHER: f64 = 16.0;
 
 impl<const D: usize> Open<D> {
-    fn new() -> Self {
+    fn new(reach: f64) -> Self {
         let places = [SVector::zeros(); MOST_TOGETHER];
-        Self { count: 0, lanes: [0; MOST_TOGETHER], places, limits: [0.0; MOST_TOGETHER] }
+        Self { count: 0, lanes: [0; MOST_TOGETHER], places, limits: [0.0; MOST_TOGETHER], reach }
     }
 
     #[inline(always)]
@@ -190,7 +197,7 @@ impl<const D: usize> Open<D> {
             let (x, limit) = (self.places[k], self.limits[k]);
             let cached = &mut cache[self.lanes[k]];
             let near = if cached.position == NONE { last.position } else { cached.position };
-            *cached = Cached::search(tree, &x, limit, near);
+            *cached = Cached::search(tree, &x, limit, self.reach, near);
             *last = Last { place: x, guard: cached.guard, position: cached.position };
         }
     }
@@ -209,9 +216,10 @@ impl<const D: usize> Open<D> {
         for k in 0..self.count {
             let cached = &mut cache[self.lanes[k]];
             let Ranks { squares, positions } = group.ranks(k);
-            *cached = if squares[0] == squares[1] && positions[1] != NONE {
+            let tie = positions[1] != NONE && squares[0] == squares[1];
+            *cached = if tie || (positions[0] == NONE && self.limits[k] < self.reach) {
                 // of equally near points the one of the lowest index is wanted
-                Cached::search(tree, &self.places[k], self.limits[k], positions[0])
+                Cached::search(tree, &self.places[k], self.limits[k], self.reach, positions[0])
             } else {
                 Cached {
                     query: self.places[k],
@@ -266,6 +274,55 @@ impl<const D: usize> Association<D> {
         for ((target, distance_sq), source) in self.nearest.iter().copied().zip(0u32..) {
             if distance_sq <= max_sq {
                 pairs.push(Pair { source, target, distance_sq });
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Vector3};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Few values a coordinate, so that many points are equal or equally near; in no order.
+    fn places(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Vector3<f64>>> {
+        let value = prop_oneof![(-2..3i32).prop_map(f64::from), -2.0..2.0f64];
+        prop::collection::vec([value.clone(), value.clone(), value].prop_map(Vector3::from), count)
+    }
+
+    proptest! {
+        /// Over a run of motions that grow smaller, as ICP's do, with none among them.
+        #[test]
+        fn pairs_are_those_of_brute_force(
+            target in places(1..120),
+            source in places(1..80),
+            repeated in 1..4usize,
+            motions in prop::collection::vec([-1.0..1.0f64, -1.0..1.0, -1.0..1.0].prop_map(Vector3::from), 1..5),
+            reach in prop_oneof![Just(0.3), Just(1.0), Just(100.0)],
+        ) {
+            let target: Vec<_> = target.iter().flat_map(|p| std::iter::repeat_n(*p, repeated)).collect();
+            let tree = KdTree::new(&target).unwrap();
+            let mut association = Association::new(&source, reach);
+            let mut pairs = Vec::new();
+            for (k, motion) in motions.iter().enumerate() {
+                let size = [0.0, 0.5, 0.1, 0.01, 0.0][k];
+                let rotation = Rotation3::new(motion * size).into_inner();
+                association.update(&tree, &rotation, &(motion * size), &mut pairs);
+                let mut expected = Vec::new();
+                for (index, p) in source.iter().enumerate() {
+                    let x = rotation * p + motion * size;
+                    let distance_to = |q: &Vector3<f64>| (q - x).norm_squared();
+                    let least = target.iter().map(distance_to).fold(f64::INFINITY, f64::min);
+                    let first = target.iter().position(|q| distance_to(q) == least).unwrap();
+                    if least <= reach * reach {
+                        expected.push((index as u32, first as u32, least));
+                    }
+                }
+                let found: Vec<_> =
+                    pairs.iter().map(|p| (p.source, tree.order()[p.target as usize], p.distance_sq)).collect();
+                prop_assert_eq!(found, expected);
             }
         }
     }

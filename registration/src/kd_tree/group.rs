@@ -14,7 +14,7 @@ pub(crate) struct Group<S: Simd, const D: usize, const K: usize> {
     simd: S,
     guide: SVector<f64, D>,
     queries: [[S::f64s; VECTORS]; D],
-    /// By rank, ascending; the square of the limit where there are fewer points.
+    /// By rank, ascending; the square of about the limit where there are fewer points.
     squares: [[S::f64s; VECTORS]; K],
     /// Tree positions as numbers of the lanes' type; `NONE` where there are fewer.
     positions: [[S::f64s; VECTORS]; K],
@@ -24,7 +24,7 @@ const NONE: f64 = u32::MAX as f64;
 
 /// The points found for one query of a [`Group`]: squared distances, ascending, and tree positions.
 ///
-/// Where there are fewer points the square is that of the limit and the position `u32::MAX`. Of equally near points
+/// Where there are fewer points the square is about that of the limit and the position `u32::MAX`. Of equally near points
 /// any may come first.
 pub(crate) struct Ranks<const K: usize> {
     pub(crate) squares: [f64; K],
@@ -35,7 +35,7 @@ impl<S: Simd, const D: usize, const K: usize> Group<S, D, K> {
     /// Queries a group can hold.
     pub(crate) const LANES: usize = VECTORS * S::F64_LANES;
 
-    /// * `places`, `limits` – queries, at least one, and the distances below which points count, metres.
+    /// * `places`, `limits` – queries, at least one, and the distances up to which points count, metres.
     #[inline(always)]
     pub(crate) fn new(simd: S, places: &[SVector<f64, D>], limits: &[f64]) -> Self {
         let zero = simd.splat_f64s(0.0);
@@ -53,7 +53,9 @@ impl<S: Simd, const D: usize, const K: usize> Group<S, D, K> {
             }
         }
         for (lane, square) in bytemuck::cast_slice_mut(&mut group.squares[0]).iter_mut().enumerate() {
-            *square = limits.get(lane).unwrap_or(&limits[0]).powi(2);
+            // points at the limit count, those of a limit of zero, too
+            *square =
+                limits.get(lane).unwrap_or(&limits[0]).powi(2) * (1.0 + f64::EPSILON) + f64::MIN_POSITIVE;
         }
         group.squares = [group.squares[0]; K];
         group

@@ -42,12 +42,14 @@ impl<const D: usize> WithSimd for Many<'_, D> {
             for (lane, query) in places.iter().enumerate() {
                 let ranks = group.ranks(lane);
                 let [first, second] = ranks.squares;
-                found.push(if first == second {
-                    self.tree.nearest_from(query, ranks.positions[0])
-                } else {
+                let nearest = if ranks.positions[1] != u32::MAX && first < second {
                     (ranks.positions[0], first)
-                });
-                (place, reach, position) = (*query, second.sqrt(), Some(ranks.positions[0]));
+                } else {
+                    // a tie, one point alone, or far coordinates whose rounding made the limit too small
+                    self.tree.nearest_from(query, 0)
+                };
+                found.push(nearest);
+                (place, reach, position) = (*query, second.sqrt(), Some(nearest.0));
             }
         }
         found
