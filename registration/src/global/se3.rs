@@ -103,7 +103,7 @@ impl GlobalMatch3 {
 /// 2016. We search one six-dimensional tree instead of one of translations inside one of rotations, look wide boxes up
 /// in a grid that holds nearest points of a thousand target points (with their cover as slack) and ask a k-d tree for
 /// narrow ones, draw a subset of points, and polish a box fully only when a short polish of 40 points over that grid
-/// looks promising.
+/// looks promising and so does a long one of the points drawn over the coarse target.
 pub fn branch_and_bound_3d(
     target: &Target<3>,
     source: &Cloud<3>,
