@@ -85,8 +85,8 @@ impl<S: Simd, const D: usize, const K: usize> Group<S, D, K> {
     #[inline(always)]
     fn insert(&mut self, squares: [S::f64s; VECTORS], position: f64) {
         let simd = self.simd;
-        for v in 0..VECTORS {
-            let (mut square, mut position) = (squares[v], simd.splat_f64s(position));
+        for (v, mut square) in squares.into_iter().enumerate() {
+            let mut position = simd.splat_f64s(position);
             for k in 0..K {
                 let (old, old_position) = (self.squares[k][v], self.positions[k][v]);
                 let closer = simd.less_than_f64s(square, old);
