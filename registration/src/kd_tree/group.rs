@@ -22,7 +22,7 @@ pub(crate) struct Group<S: Simd, const D: usize, const K: usize> {
 
 const NONE: f64 = u32::MAX as f64;
 
-/// The points found for one query of a [`Group`]: squared distances, ascending, and tree positions.
+/// The points found for one query of a group: squared distances, ascending, and tree positions.
 ///
 /// Where there are fewer points the square is about that of the limit and the position `u32::MAX`. Of equally near points
 /// any may come first.

@@ -4,7 +4,7 @@ pub(crate) trait Visitor {
     fn visit(&mut self, position: usize, index: u32, distance_sq: f64);
 }
 
-/// One answer of a [`KdTree`] query.
+/// One answer of a [`crate::KdTree`] query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neighbor {
     /// Index of the point in the slice the tree was built from.
