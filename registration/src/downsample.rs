@@ -98,7 +98,7 @@ fn for_each_cell<const D: usize>(
 }
 
 /// Sorts by key, all keys being below `limit`, and keeps the order of equal ones: digit after digit, the lowest first.
-fn radix_sort(items: &mut Vec<(u64, u32)>, limit: u64) {
+pub(crate) fn radix_sort(items: &mut Vec<(u64, u32)>, limit: u64) {
     const BITS: u32 = 11;
     if items.len() < 1 << BITS {
         return items.sort_unstable();

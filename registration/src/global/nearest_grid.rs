@@ -41,19 +41,19 @@ impl NearestGrid {
         (low, high) = (low - margin, high + margin);
         let cell = longest / CELLS;
         let counts: [usize; 3] = std::array::from_fn(|axis| ((high[axis] - low[axis]) / cell) as usize + 1);
-        let mut cells = Vec::with_capacity(counts.iter().product());
-        let mut guess = 0;
+        let mut centres = Vec::with_capacity(counts.iter().product());
         for z in 0..counts[2] {
             for y in 0..counts[1] {
                 for x in 0..counts[0] {
-                    let centre = low + Vector3::new(x as f64 + 0.5, y as f64 + 0.5, z as f64 + 0.5) * cell;
-                    let (position, distance_sq) = target.tree.nearest_from(&centre, guess);
-                    guess = position;
-                    let distance = (distance_sq.sqrt() * ROUNDED_DOWN) as f32;
-                    cells.push(Cell { nearest: position, distance });
+                    centres.push(low + Vector3::new(x as f64 + 0.5, y as f64 + 0.5, z as f64 + 0.5) * cell);
                 }
             }
         }
+        let to_cell = |(nearest, distance_sq): (u32, f64)| Cell {
+            nearest,
+            distance: (distance_sq.sqrt() * ROUNDED_DOWN) as f32,
+        };
+        let cells = target.tree.nearest_to_each(&centres).into_iter().map(to_cell).collect();
         let points = (0..target.len()).map(|i| *target.tree.point_at(i)).collect();
         Self { low, cell, counts, points, cells }
     }

@@ -103,7 +103,7 @@ impl GlobalMatch3 {
 /// 2016. We search one six-dimensional tree instead of one of translations inside one of rotations, look wide boxes up
 /// in a grid that holds nearest points of a thousand target points (with their cover as slack) and ask a k-d tree for
 /// narrow ones, draw a subset of points, and polish a box fully only when a short polish of 40 points over that grid
-/// looks promising.
+/// looks promising and so does a long one of the points drawn over the coarse target.
 pub fn branch_and_bound_3d(
     target: &Target<3>,
     source: &Cloud<3>,
@@ -175,6 +175,9 @@ const SETTLED: f64 = 0.95;
 /// A scouted pose is polished fully when its cost is below this multiple of the best.
 const PROMISING: f64 = 3.0;
 
+/// A pose polished on a part of the points is polished on more when its cost is below this multiple of the best.
+const WORTH_POLISHING: f64 = 1.5;
+
 struct Search<'a> {
     params: &'a SearchParams3,
     target: &'a Target<3>,
@@ -183,6 +186,8 @@ struct Search<'a> {
     coarse: Target<3>,
     /// No target point is farther from a coarse one, metres.
     cover: f64,
+    /// Mean squared distance of a target point to the nearest coarse one, m².
+    mean_cover_sq: f64,
     grid: NearestGrid,
     scouts: Vec<Vector3<f64>>,
     drawn: Cloud<3>,
@@ -226,7 +231,7 @@ impl<'a> Search<'a> {
         let coarse: Vec<_> =
             (0..target.len()).step_by(every).map(|i| target.tree.point_at(i) + target.origin).collect();
         let coarse = Target::new(&Cloud::new(coarse)?)?;
-        let cover = cover(target, &coarse);
+        let (cover, mean_cover_sq) = cover(target, &coarse);
         Ok(Self {
             params,
             target,
@@ -234,6 +239,7 @@ impl<'a> Search<'a> {
             grid: NearestGrid::new(&coarse),
             coarse,
             cover,
+            mean_cover_sq,
             scouts: points.iter().take(SCOUTS).copied().collect(),
             mean_radius: radii.iter().sum::<f64>() / used as f64,
             radii,
@@ -262,11 +268,10 @@ impl<'a> Search<'a> {
         Isometry3::from_parts(Translation3::from(translation), self.start.rotation * turn)
     }
 
-    fn cost(&self, cloud: &Cloud<3>, pose: &Isometry3<f64>) -> f64 {
-        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - self.target.origin);
-        let near = |p: &Vector3<f64>| {
-            self.target.tree.nearest(&(r * p + t)).map_or(f64::INFINITY, |n| n.distance_sq)
-        };
+    fn cost(&self, target: &Target<3>, cloud: &Cloud<3>, pose: &Isometry3<f64>) -> f64 {
+        let (r, t) = (pose.rotation_matrix(), pose.translation_vector() - target.origin);
+        let near =
+            |p: &Vector3<f64>| target.tree.nearest(&(r * p + t)).map_or(f64::INFINITY, |n| n.distance_sq);
         mean_kept(&mut cloud.points().iter().map(near).collect::<Vec<_>>(), self.params.keep)
     }
 
@@ -414,8 +419,15 @@ impl Boxes for Search<'_> {
         if cost > PROMISING * best {
             return Ok(None);
         }
-        let pose = self.target.align(&self.drawn, &scouted, &self.polish)?.target_from_source;
-        if self.drawn.len() < self.all.len() && self.cost(&self.drawn, &pose) > 1.5 * best {
+        // a full polish takes many small steps, most of them in vain: the coarse target tells where
+        let coarse = self.coarse.align(&self.drawn, &scouted, &self.polish)?.target_from_source;
+        if self.cost(&self.coarse, &self.drawn, &coarse) > WORTH_POLISHING * best + self.mean_cover_sq {
+            return Ok(None);
+        }
+        let pose = self.target.align(&self.drawn, &coarse, &self.polish)?.target_from_source;
+        if self.drawn.len() < self.all.len()
+            && self.cost(self.target, &self.drawn, &pose) > WORTH_POLISHING * best
+        {
             return Ok(None);
         }
         let pose = if self.drawn.len() < self.all.len() {
@@ -427,7 +439,7 @@ impl Boxes for Search<'_> {
         let turned = (self.start.rotation.inverse() * pose.rotation).log();
         let inside = moved.amax() <= self.params.translation
             && (self.params.rotation >= PI || turned.amax() <= self.params.rotation);
-        let cost = self.cost(self.all, &pose);
+        let cost = self.cost(self.target, self.all, &pose);
         Ok((inside && cost < best && !self.is_taken(&pose)).then_some((cost, pose)))
     }
 }
@@ -437,14 +449,14 @@ fn last_kept(squares: &[f64], keep: f64) -> f64 {
     squares[..kept_of(squares.len(), keep)].iter().copied().fold(0.0, f64::max)
 }
 
-/// The largest distance from a point of `target` to the nearest of `coarse`.
-fn cover(target: &Target<3>, coarse: &Target<3>) -> f64 {
+/// The largest distance from a point of `target` to the nearest of `coarse`, and the mean of the squares.
+fn cover(target: &Target<3>, coarse: &Target<3>) -> (f64, f64) {
     let shift = target.origin - coarse.origin;
-    let mut guess = 0;
-    let mut most = 0.0f64;
-    for i in 0..target.len() {
-        let (position, distance_sq) = coarse.tree.nearest_from(&(target.tree.point_at(i) + shift), guess);
-        (guess, most) = (position, most.max(distance_sq));
+    let places: Vec<_> = (0..target.len()).map(|i| target.tree.point_at(i) + shift).collect();
+    let (mut most, mut sum) = (0.0f64, 0.0);
+    for (_, distance_sq) in coarse.tree.nearest_to_each(&places) {
+        most = most.max(distance_sq);
+        sum += distance_sq;
     }
-    most.sqrt()
+    (most.sqrt(), sum / target.len() as f64)
 }

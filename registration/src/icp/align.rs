@@ -1,4 +1,7 @@
+use std::marker::PhantomData;
+
 use nalgebra::{SMatrix, SVector};
+use pulp::{Arch, NullaryFnOnce};
 
 use super::anderson::Anderson;
 use super::association::{Association, Pair};
@@ -174,7 +177,7 @@ impl<'a, const D: usize> Problem<'a, D> {
         Ok(Self {
             target,
             params,
-            association: Association::new(points.len(), params.max_distance),
+            association: Association::new(&points, params.max_distance),
             radius: if mean_sq > 0.0 { mean_sq.sqrt() } else { 1.0 },
             points,
             normals: if both { source.normals() } else { None },
@@ -209,7 +212,7 @@ impl<'a, const D: usize> Problem<'a, D> {
     /// Fills `matched` and `kept`.
     pub(crate) fn associate(&mut self, pose: &Pose<D>) {
         let (r, t) = (&pose.rotation, &pose.translation);
-        self.association.update(&self.target.tree, &self.points, r, t, &mut self.matched);
+        self.association.update(&self.target.tree, r, t, &mut self.matched);
         if let Some(source_tree) = &self.source_tree {
             let tree = &self.target.tree;
             self.matched.retain(|pair| {
@@ -288,17 +291,20 @@ impl<'a, const D: usize> Problem<'a, D> {
         sum.try_inverse().map_or_else(SMatrix::zeros, |inverse| (inverse + inverse.transpose()) * 0.5)
     }
 
+    /// The normal equations at a pose; each pair's term and weight are shown to `see`.
+    pub(crate) fn normal_equations_seen<const N: usize, G: RigidMotion<D, N>>(
+        &self,
+        pose: &Pose<D>,
+        see: impl FnMut(&Pair, &Term<D, N>, f64),
+    ) -> NormalEquations<N> {
+        Arch::new().dispatch(Summation { problem: self, pose, see, group: PhantomData::<G> })
+    }
+
     pub(crate) fn normal_equations<const N: usize, G: RigidMotion<D, N>>(
         &self,
         pose: &Pose<D>,
     ) -> NormalEquations<N> {
-        let mut sum = NormalEquations::zero();
-        for pair in &self.kept {
-            let term = self.term::<N, G>(pair, pose);
-            sum.add::<D, G>(&term, self.params.kernel.weight(term.cost()));
-        }
-        sum.finish();
-        sum
+        self.normal_equations_seen::<N, G>(pose, |_, _, _| ())
     }
 
     fn step<const N: usize, G: RigidMotion<D, N>>(
@@ -408,6 +414,35 @@ impl<'a, const D: usize> Problem<'a, D> {
             iterations,
             termination,
         }
+    }
+}
+
+/// The sum over the pairs, as one piece of work that is compiled for the processor's vectors.
+struct Summation<'a, F, G, const D: usize, const N: usize> {
+    problem: &'a Problem<'a, D>,
+    pose: &'a Pose<D>,
+    see: F,
+    group: PhantomData<G>,
+}
+
+impl<F, G, const D: usize, const N: usize> NullaryFnOnce for Summation<'_, F, G, D, N>
+where
+    G: RigidMotion<D, N>,
+    F: FnMut(&Pair, &Term<D, N>, f64),
+{
+    type Output = NormalEquations<N>;
+
+    #[inline(always)]
+    fn call(mut self) -> NormalEquations<N> {
+        let mut sum = NormalEquations::zero();
+        for pair in &self.problem.kept {
+            let term = self.problem.term::<N, G>(pair, self.pose);
+            let weight = self.problem.params.kernel.weight(term.cost());
+            sum.add::<D, G>(&term, weight);
+            (self.see)(pair, &term, weight);
+        }
+        sum.finish();
+        sum
     }
 }
 

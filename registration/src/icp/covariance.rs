@@ -2,7 +2,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::Covariance;
 use super::align::{Pose, Problem, moved};
-use super::normal_equations::{NormalEquations, Term};
+use super::normal_equations::NormalEquations;
 use super::params::Residual;
 use crate::DEGENERATE_SIGMA;
 use crate::linalg::symmetric_eigen;
@@ -54,6 +54,10 @@ struct Evidence<const N: usize> {
     step: f64,
     /// Root mean square distance of the pairs, metres.
     rms: f64,
+    /// Weight of each pair that counts.
+    weights: Vec<f64>,
+    /// By how much the kernel's own slope lessens the curvature, on the mean.
+    shrink: f64,
 }
 
 pub(crate) fn estimate<const D: usize, const N: usize, G: RigidMotion<D, N>>(
@@ -73,7 +77,7 @@ pub(crate) fn estimate<const D: usize, const N: usize, G: RigidMotion<D, N>>(
                 let step = evidence.step.clamp(1e-6 * problem.radius, probe);
                 let (local, offset) = local_curvature::<D, N, G>(problem, pose, step);
                 evidence.offset = offset * offset.transpose();
-                (wide_curvature::<D, N, G>(problem, pose, probe), local)
+                (wide_curvature::<D, N, G>(problem, pose, probe, &evidence), local)
             }
         };
         combine(&evidence, &wide, &local, probe, problem, &to_body)
@@ -104,38 +108,50 @@ fn evidence<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     problem: &Problem<'_, D>,
     pose: &Pose<D>,
 ) -> Evidence<N> {
-    let sum = problem.normal_equations::<N, G>(pose);
     let scale = problem.scale::<N>();
+    let kernel = problem.params.kernel;
+    let dimensions = coordinates::<D>(problem.params.residual);
     // a target point's own error is common to all source points that chose it: they count as one draw
-    let mut draws = vec![None; problem.target.len()];
-    for pair in &problem.kept {
-        let score = score::<D, N, G>(problem, pose, pair).component_div(&scale);
-        *draws[pair.target as usize].get_or_insert_with(SVector::zeros) += score;
-    }
+    let mut draws = vec![0.0; N * problem.target.len()];
+    let mut chosen = vec![0u8; problem.target.len()];
+    let mut weights = Vec::with_capacity(problem.kept.len());
+    let (mut slope, mut metric) = (0.0, 0.0);
+    let sum = problem.normal_equations_seen::<N, G>(pose, |pair, term, weight| {
+        let score = (term.score::<G>() * weight).component_div(&scale);
+        let at = pair.target as usize;
+        chosen[at] = 1;
+        draws[N * at..N * (at + 1)].iter_mut().zip(score.iter()).for_each(|(total, part)| *total += part);
+        weights.push(weight);
+        slope += kernel.slope(term.cost(), weight, dimensions);
+        metric += term.mean_metric();
+    });
     let (mut variance, mut clusters) = (SMatrix::zeros(), 0.0);
-    for total in draws.iter().flatten() {
+    for (draw, _) in draws.chunks_exact(N).zip(&chosen).filter(|(_, chosen)| **chosen == 1) {
+        let total = SVector::<f64, N>::from_column_slice(draw);
         variance += total * total.transpose();
         clusters += 1.0;
     }
-    let freedom = (sum.weight * coordinates::<D>(problem.params.residual) as f64 - N as f64).max(1.0);
+    let freedom = (sum.weight * dimensions as f64 - N as f64).max(1.0);
     let squares: f64 = problem.kept.iter().map(|p| p.distance_sq).sum();
     Evidence {
         h: SMatrix::from_fn(|i, j| sum.h[(i, j)] / (scale[i] * scale[j])),
         score_variance: variance * (clusters / (clusters - N as f64).max(1.0)),
         offset: SMatrix::zeros(),
         sigma: (sum.cost / freedom).sqrt(),
-        step: noise_metres::<D, N, G>(problem, pose, &sum),
+        step: noise_metres::<D, N>(problem, &sum, metric / problem.kept.len().max(1) as f64),
         rms: (squares / problem.kept.len().max(1) as f64).sqrt(),
+        weights,
+        shrink: if sum.weight > 0.0 { (slope / sum.weight).clamp(0.1, 1.0) } else { 1.0 },
     }
 }
 
 /// Root mean square of the residuals that count, along the directions in which they count.
 ///
 /// A residual in standard deviations is turned into metres by the mean size of its metric.
-fn noise_metres<const D: usize, const N: usize, G: RigidMotion<D, N>>(
+fn noise_metres<const D: usize, const N: usize>(
     problem: &Problem<'_, D>,
-    pose: &Pose<D>,
     sum: &NormalEquations<N>,
+    mean_metric: f64,
 ) -> f64 {
     let along = match problem.params.residual {
         // only the direction across the planes has weight to speak of
@@ -144,14 +160,12 @@ fn noise_metres<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     };
     let mean_square = sum.cost / (sum.weight * along).max(f64::MIN_POSITIVE);
     if problem.params.residual != Residual::Mahalanobis {
-        return mean_square.sqrt();
+        mean_square.sqrt()
+    } else if mean_metric > 0.0 {
+        (mean_square / mean_metric).sqrt()
+    } else {
+        0.0
     }
-    let size = |pair| match problem.term::<N, G>(pair, pose) {
-        Term::Block { metric, .. } => metric.trace() / D as f64,
-        Term::Scalar { .. } => 1.0,
-    };
-    let mean = problem.kept.iter().map(size).sum::<f64>() / problem.kept.len().max(1) as f64;
-    if mean > 0.0 { (mean_square / mean).sqrt() } else { 0.0 }
 }
 
 fn score<const D: usize, const N: usize, G: RigidMotion<D, N>>(
@@ -232,30 +246,22 @@ fn wide_curvature<const D: usize, const N: usize, G: RigidMotion<D, N>>(
     problem: &Problem<'_, D>,
     pose: &Pose<D>,
     probe: f64,
+    evidence: &Evidence<N>,
 ) -> SMatrix<f64, N, N> {
-    let kernel = problem.params.kernel;
-    let (mut total, mut slope) = (0.0, 0.0);
-    let mut weighted = Vec::with_capacity(problem.kept.len());
-    for pair in &problem.kept {
-        let cost = problem.term::<N, G>(pair, pose).cost();
-        let weight = kernel.weight(cost);
-        weighted.push((*pair, weight));
-        total += weight;
-        slope += kernel.slope(cost, coordinates::<D>(problem.params.residual));
-    }
-    let shrink = if total > 0.0 { (slope / total).clamp(0.1, 1.0) } else { 1.0 };
-    let stride = weighted.len().div_ceil(most_probes(N)).max(1);
+    let stride = problem.kept.len().div_ceil(most_probes(N)).max(1);
+    let drawn = || problem.kept.iter().zip(&evidence.weights).step_by(stride);
     let (curvature, _) = central_differences::<D, N, G>(problem, pose, probe, |there| {
         let mut score = SVector::<f64, N>::zeros();
-        for (pair, weight) in weighted.iter().step_by(stride).filter(|(_, w)| *w > 0.0) {
+        for (pair, weight) in drawn().filter(|(_, w)| **w > 0.0) {
             let Some(pair) = problem.nearest_pair(pair, there) else { continue };
             score += problem.term::<N, G>(&pair, there).score::<G>() * *weight;
         }
         score
     });
-    let drawn: f64 = weighted.iter().step_by(stride).map(|(_, weight)| weight).sum();
-    let share = if drawn > 0.0 { total / drawn } else { 0.0 };
-    curvature * (shrink * share)
+    let total: f64 = evidence.weights.iter().sum();
+    let of_drawn: f64 = drawn().map(|(_, weight)| weight).sum();
+    let share = if of_drawn > 0.0 { total / of_drawn } else { 0.0 };
+    curvature * (evidence.shrink * share)
 }
 
 /// `K⁻¹ A K⁻¹` with the local curvature `K` and score variance `A`, without the directions of which the wide curvature

@@ -61,8 +61,14 @@ impl Kernel {
 
     /// Derivative of the influence `w(r²) r` of a residual with respect to one of its `dimensions` coordinates,
     /// averaged over their directions.
-    pub(crate) fn slope(&self, residual_sq: f64, dimensions: usize) -> f64 {
-        let (w, step) = (self.weight(residual_sq), 1e-6 * residual_sq.max(1e-12));
+    ///
+    /// * `w` – its weight.
+    #[inline]
+    pub(crate) fn slope(&self, residual_sq: f64, w: f64, dimensions: usize) -> f64 {
+        if *self == Kernel::None {
+            return w;
+        }
+        let step = 1e-6 * residual_sq.max(1e-12);
         let dw = (self.weight(residual_sq + step) - w) / step;
         w + 2.0 * residual_sq * dw / dimensions as f64
     }

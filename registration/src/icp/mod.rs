@@ -7,6 +7,7 @@ mod normal_equations;
 mod outcome;
 mod params;
 mod rejector;
+mod space_order;
 mod target;
 
 pub use kernel::Kernel;

@@ -74,6 +74,15 @@ impl<const D: usize, const N: usize> Term<D, N> {
         }
     }
 
+    /// Mean over all directions of `M`; 1 of a scalar.
+    #[inline]
+    pub(crate) fn mean_metric(&self) -> f64 {
+        match self {
+            Term::Scalar { .. } => 1.0,
+            Term::Block { metric, .. } => metric.trace() / D as f64,
+        }
+    }
+
     /// `Jᵀ M e`.
     #[inline]
     pub(crate) fn score<G: RigidMotion<D, N>>(&self) -> SVector<f64, N> {
@@ -122,28 +131,55 @@ fn block<const D: usize, const N: usize>(
     Term::Block { metric, lever: *lever, force, cost: e.dot(&force) }
 }
 
-/// `2 ε (C_n + C_m)⁻¹` for flat covariances `C_v = I - (1 - ε) v vᵀ`: 1 across parallel planes, so that residuals
-/// are in metres.
+/// `2 ε (C_n + C_m)⁻¹` for flat covariances `C_v = I - (1 - ε) v vᵀ` of unit normals: 1 across parallel planes, so that
+/// residuals are in metres.
 ///
-/// `C_n + C_m = 2 I - a (n nᵀ + m mᵀ)` with `a = 1 - ε` has the eigenvectors `n ± m` with `2 - a (1 ± n·m)` and 2
-/// elsewhere, so no matrix needs inverting.
-#[inline]
+/// `C_n + C_m = 2 I - a (n nᵀ + m mᵀ)` with `a = 1 - ε` has the eigenvectors `n ± m`, whose squares are `2 (1 ± c)` with
+/// `c = n·m`, with `p = 2 - a (1 + c)` and `q = 2 - a (1 - c)`, and 2 elsewhere. Its inverse is therefore
+/// `I/2 + a/4 ((n + m) (n + m)ᵀ / p + (n - m) (n - m)ᵀ / q)`, where nothing vanishes.
+#[inline(always)]
 pub(crate) fn plane_to_plane_weight<const D: usize>(
     n: &SVector<f64, D>,
     m: &SVector<f64, D>,
 ) -> SMatrix<f64, D, D> {
     let a = 1.0 - FLATNESS;
     let c = n.dot(m);
-    let (plus, minus) = (n + m, n - m);
-    let across = 2.0 * FLATNESS;
-    let mut weight = SMatrix::<f64, D, D>::identity() * (0.5 * across);
-    // |n ± m|² = 2 (1 ± c); where it vanishes, so does the factor's numerator
-    for (axis, cosine) in [(plus, c), (minus, -c)] {
-        let norm_sq = axis.norm_squared();
-        if norm_sq > 1e-18 {
-            let factor = across * (1.0 / (2.0 - a * (1.0 + cosine)) - 0.5) / norm_sq;
-            weight += axis * axis.transpose() * factor;
+    let (p, q) = (2.0 - a * (1.0 + c), 2.0 - a * (1.0 - c));
+    // the factors of n nᵀ + m mᵀ and of n mᵀ + m nᵀ: 1/p + 1/q and 1/p - 1/q over the common denominator
+    let common = 0.5 * FLATNESS * a / (p * q);
+    let (same, mixed) = (common * (4.0 - 2.0 * a), common * (2.0 * a * c));
+    let (u, v) = (n * same + m * mixed, m * same + n * mixed);
+    SMatrix::from_fn(|i, j| {
+        let flat = if i == j { FLATNESS } else { 0.0 };
+        // both orders of the same products: symmetric to the last bit
+        let (i, j) = (i.min(j), i.max(j));
+        u[i] * n[j] + v[i] * m[j] + flat
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, Vector3};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn weight_is_the_inverse_of_the_sum(
+            v in prop::array::uniform3(-1.0..1.0f64),
+            d in prop::array::uniform3(-1.0..1.0f64),
+            apart in prop_oneof![Just(0.0), Just(1e-9), Just(1e-4), Just(1.0), Just(1e6)],
+            sign in prop_oneof![Just(-1.0), Just(1.0)],
+        ) {
+            let n = Vector3::from(v);
+            prop_assume!(n.norm() > 0.1 && Vector3::from(d).norm() > 0.1);
+            let n = n.normalize();
+            let m = (n + Vector3::from(d) * apart).normalize() * sign;
+            let flat = |v: &Vector3<f64>| Matrix3::identity() - v * v.transpose() * (1.0 - FLATNESS);
+            let found = plane_to_plane_weight(&n, &m);
+            let expected = (flat(&n) + flat(&m)).try_inverse().unwrap() * (2.0 * FLATNESS);
+            prop_assert!((found - expected).norm() <= 1e-10, "{found} {expected}");
+            prop_assert_eq!(found, found.transpose());
         }
     }
-    weight
 }

@@ -1,19 +1,13 @@
 use nalgebra::SVector;
+use pulp::Simd;
 
+use super::bounds::Bounds;
+use super::group::Group;
+use super::leaf::{LEAF, Leaf};
+use super::probe::{Probe, Single};
+use super::visitor::{Best, BestPosition, Count, Nearest, Neighbor, Visitor, Within};
 use crate::Error;
 use crate::parallel::join;
-
-/// Points a leaf holds at most; measured best of 4, 8, 12, 16 on scans of 1 000 and clouds of 30 000 points.
-const LEAF: usize = 8;
-
-/// One answer of a [`KdTree`] query.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Neighbor {
-    /// Index of the point in the slice the tree was built from.
-    pub index: usize,
-    /// Squared distance to the query, m².
-    pub distance_sq: f64,
-}
 
 /// A static k-d tree over points in `D` dimensions.
 ///
@@ -51,60 +45,6 @@ struct Node<const D: usize> {
     cell: Bounds<D>,
     /// The box of its points.
     points: Bounds<D>,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Bounds<const D: usize> {
-    low: SVector<f64, D>,
-    high: SVector<f64, D>,
-}
-
-impl<const D: usize> Bounds<D> {
-    fn everywhere() -> Self {
-        Self { low: SVector::repeat(f64::NEG_INFINITY), high: SVector::repeat(f64::INFINITY) }
-    }
-
-    /// The square is summed in the order in which the distance of a point is, and each part of it is rounded from
-    /// less: it never exceeds the distance of a point inside, so ties are kept.
-    #[inline(always)]
-    fn distance_sq(&self, query: &SVector<f64, D>) -> f64 {
-        let mut sum = 0.0;
-        for axis in 0..D {
-            let below = self.low[axis] - query[axis];
-            let above = query[axis] - self.high[axis];
-            let out = if below > above { below } else { above };
-            let out = if out > 0.0 { out } else { 0.0 };
-            sum += out * out;
-        }
-        sum
-    }
-
-    /// Whether every point outside is farther from the query than the root of `limit_sq`.
-    #[inline(always)]
-    fn encloses(&self, query: &SVector<f64, D>, limit_sq: f64) -> bool {
-        let mut margin = f64::INFINITY;
-        for axis in 0..D {
-            let (left, right) = (query[axis] - self.low[axis], self.high[axis] - query[axis]);
-            let least = if left < right { left } else { right };
-            margin = if least < margin { least } else { margin };
-        }
-        margin > 0.0 && margin * margin > limit_sq
-    }
-}
-
-/// The coordinates of a leaf's points once more, axis by axis, so that they are scanned side by side; what is left
-/// over is NaN, which is near nothing.
-#[derive(Debug, Clone, Copy)]
-struct Leaf<const D: usize> {
-    coordinates: [[f64; LEAF]; D],
-    /// Tree position of the first point.
-    begin: u32,
-}
-
-/// What a query wants to know; `limit_sq` shrinks as it learns.
-pub(crate) trait Visitor {
-    fn limit_sq(&self) -> f64;
-    fn visit(&mut self, position: usize, index: u32, distance_sq: f64);
 }
 
 impl<const D: usize> KdTree<D> {
@@ -256,7 +196,7 @@ impl<const D: usize> KdTree<D> {
     #[inline(always)]
     pub(crate) fn search<V: Visitor>(&self, query: &SVector<f64, D>, visitor: &mut V) {
         if !self.points.is_empty() {
-            self.search_from_leaf(query, self.descend(query, 1), visitor);
+            self.walk(self.descend(query, 1), &mut Single { query, visitor });
         }
     }
 
@@ -264,36 +204,56 @@ impl<const D: usize> KdTree<D> {
     /// down the tree.
     #[inline(always)]
     pub(crate) fn search_from<V: Visitor>(&self, query: &SVector<f64, D>, position: u32, visitor: &mut V) {
-        let leaf = self.leaves.len() + self.leaf_of[position as usize] as usize;
-        self.search_from_leaf(query, leaf, visitor);
+        self.walk(self.leaf_at(position), &mut Single { query, visitor });
+    }
+
+    /// Fills in the nearest points of a group of queries, begun at the leaf of the point at `position` if there is one.
+    #[inline(always)]
+    pub(crate) fn search_group<S: Simd, const K: usize>(
+        &self,
+        group: &mut Group<S, D, K>,
+        position: Option<u32>,
+    ) {
+        if !self.points.is_empty() {
+            let leaf = match position {
+                Some(position) => self.leaf_at(position),
+                None => self.descend(group.guide(), 1),
+            };
+            self.walk(leaf, group);
+        }
+    }
+
+    #[inline(always)]
+    fn leaf_at(&self, position: u32) -> usize {
+        self.leaves.len() + self.leaf_of[position as usize] as usize
     }
 
     /// Up from a leaf until the node at hand holds all that can be near, and down again into what was passed.
     #[inline(always)]
-    fn search_from_leaf<V: Visitor>(&self, query: &SVector<f64, D>, leaf: usize, visitor: &mut V) {
-        self.scan(leaf, query, visitor);
+    fn walk(&self, leaf: usize, probe: &mut impl Probe<D>) {
+        probe.scan(&self.leaves[leaf - self.leaves.len()], &self.indices);
         let mut k = leaf;
-        while k > 1 && !self.nodes[k].cell.encloses(query, visitor.limit_sq()) {
-            if self.nodes[k ^ 1].points.distance_sq(query) <= visitor.limit_sq() {
-                self.search_below(query, k ^ 1, visitor);
+        while k > 1 && !probe.is_settled_in(&self.nodes[k].cell) {
+            if probe.may_want(&self.nodes[k ^ 1].points) {
+                self.walk_below(k ^ 1, probe);
             }
             k /= 2;
         }
     }
 
     #[inline(always)]
-    fn search_below<V: Visitor>(&self, query: &SVector<f64, D>, root: usize, visitor: &mut V) {
+    fn walk_below(&self, root: usize, probe: &mut impl Probe<D>) {
         let mut k = root;
         loop {
-            k = self.descend(query, k);
-            self.scan(k, query, visitor);
+            k = self.descend(probe.guide(), k);
+            probe.scan(&self.leaves[k - self.leaves.len()], &self.indices);
             // up to the first node whose other side may hold something near
             loop {
                 if k == root {
                     return;
                 }
-                let is_near = k % 2 == self.side(query, k / 2);
-                if is_near && self.nodes[k ^ 1].points.distance_sq(query) <= visitor.limit_sq() {
+                let is_near = k % 2 == self.side(probe.guide(), k / 2);
+                if is_near && probe.may_want(&self.nodes[k ^ 1].points) {
                     k ^= 1;
                     break;
                 }
@@ -315,28 +275,6 @@ impl<const D: usize> KdTree<D> {
     fn side(&self, query: &SVector<f64, D>, k: usize) -> usize {
         let Node { value, axis, .. } = &self.nodes[k];
         usize::from(query[*axis] >= *value)
-    }
-
-    #[inline(always)]
-    fn scan<V: Visitor>(&self, k: usize, query: &SVector<f64, D>, visitor: &mut V) {
-        let Leaf { coordinates, begin } = &self.leaves[k - self.leaves.len()];
-        let mut squares = [0.0; LEAF];
-        for axis in 0..D {
-            for (square, value) in squares.iter_mut().zip(&coordinates[axis]) {
-                let d = value - query[axis];
-                *square += d * d;
-            }
-        }
-        let limit = visitor.limit_sq();
-        if !squares.iter().fold(false, |any, square| any | (*square <= limit)) {
-            return;
-        }
-        for (slot, &distance_sq) in squares.iter().enumerate() {
-            if distance_sq <= visitor.limit_sq() {
-                let position = *begin as usize + slot;
-                visitor.visit(position, self.indices[position], distance_sq);
-            }
-        }
     }
 }
 
@@ -368,146 +306,5 @@ fn split<const D: usize>(items: &mut [(SVector<f64, D>, u32)], levels: u32, cuts
     } else {
         split(left, levels - 1, cuts_left);
         split(right, levels - 1, cuts_right);
-    }
-}
-
-struct Best {
-    index: u32,
-    distance_sq: f64,
-}
-
-impl Visitor for Best {
-    #[inline]
-    fn limit_sq(&self) -> f64 {
-        self.distance_sq
-    }
-    #[inline]
-    fn visit(&mut self, _: usize, index: u32, distance_sq: f64) {
-        if distance_sq < self.distance_sq || index < self.index {
-            *self = Best { index, distance_sq };
-        }
-    }
-}
-
-/// The nearest few points by tree position, in order of distance, then of index.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct NearestFew<const K: usize> {
-    /// `u32::MAX` where there are fewer.
-    pub(crate) positions: [u32; K],
-    /// Infinite where there are fewer.
-    pub(crate) squares: [f64; K],
-    indices: [u32; K],
-    max_distance_sq: f64,
-}
-
-impl<const K: usize> NearestFew<K> {
-    pub(crate) fn within(max_distance_sq: f64) -> Self {
-        Self {
-            positions: [u32::MAX; K],
-            squares: [f64::INFINITY; K],
-            indices: [u32::MAX; K],
-            max_distance_sq,
-        }
-    }
-}
-
-impl<const K: usize> Visitor for NearestFew<K> {
-    #[inline(always)]
-    fn limit_sq(&self) -> f64 {
-        let last = self.squares[K - 1];
-        if last < self.max_distance_sq { last } else { self.max_distance_sq }
-    }
-    #[inline(always)]
-    fn visit(&mut self, position: usize, index: u32, distance_sq: f64) {
-        let mut new = (distance_sq, index, position as u32);
-        for k in 0..K {
-            let old = (self.squares[k], self.indices[k], self.positions[k]);
-            if new.0 < old.0 || (new.0 == old.0 && new.1 < old.1) {
-                (self.squares[k], self.indices[k], self.positions[k]) = new;
-                new = old;
-            }
-        }
-    }
-}
-
-/// The nearest point by tree position.
-struct BestPosition {
-    position: u32,
-    index: u32,
-    distance_sq: f64,
-}
-
-impl Visitor for BestPosition {
-    #[inline]
-    fn limit_sq(&self) -> f64 {
-        self.distance_sq
-    }
-    #[inline]
-    fn visit(&mut self, position: usize, index: u32, distance_sq: f64) {
-        if distance_sq < self.distance_sq || index < self.index {
-            *self = BestPosition { position: position as u32, index, distance_sq };
-        }
-    }
-}
-
-struct Nearest<'a> {
-    k: usize,
-    limit_sq: f64,
-    found: &'a mut Vec<Neighbor>,
-}
-
-impl Visitor for Nearest<'_> {
-    #[inline]
-    fn limit_sq(&self) -> f64 {
-        if self.found.len() < self.k { self.limit_sq } else { self.found[self.k - 1].distance_sq }
-    }
-    #[inline]
-    fn visit(&mut self, _: usize, index: u32, distance_sq: f64) {
-        let new = Neighbor { index: index as usize, distance_sq };
-        let mut at = self.found.len();
-        if at == self.k {
-            let worst = self.found[at - 1];
-            if (worst.distance_sq, worst.index) <= (distance_sq, new.index) {
-                return;
-            }
-            at -= 1;
-            self.found[at] = new;
-        } else {
-            self.found.push(new);
-        }
-        while at > 0 && (distance_sq, new.index) < (self.found[at - 1].distance_sq, self.found[at - 1].index)
-        {
-            self.found.swap(at, at - 1);
-            at -= 1;
-        }
-    }
-}
-
-struct Within {
-    radius_sq: f64,
-    found: Vec<Neighbor>,
-}
-
-impl Visitor for Within {
-    fn limit_sq(&self) -> f64 {
-        self.radius_sq
-    }
-    fn visit(&mut self, _: usize, index: u32, distance_sq: f64) {
-        self.found.push(Neighbor { index: index as usize, distance_sq });
-    }
-}
-
-struct Count {
-    radius_sq: f64,
-    count: usize,
-    enough: usize,
-}
-
-impl Visitor for Count {
-    fn limit_sq(&self) -> f64 {
-        if self.count < self.enough { self.radius_sq } else { -1.0 }
-    }
-    fn visit(&mut self, _: usize, _: u32, _: f64) {
-        self.count += 1;
     }
 }
