@@ -1,18 +1,19 @@
 use super::banded::Banded;
 
-/// Rows of a small matrix, four of like length side by side, so that a product only reads: edge by edge it would write four
+/// Rows of a small matrix, eight of like length side by side, so that a product only reads: edge by edge it would write four
 /// places for each value.
 #[derive(Debug, Clone)]
 pub(super) struct Rows {
-    /// Pairs, those with most entries first, filled up to fours.
+    /// Pairs, those with most entries first.
     order: Vec<u16>,
-    /// Entries of rows `order[4 k..4 k + 4]` are `start[k]..start[k + 1]`.
+    /// Entries of rows `order[8 k..8 k + 8]` are `start[k]..start[k + 1]`.
     start: Vec<usize>,
-    /// Columns of four entries, sixteen bits each.
-    column: Vec<u64>,
-    value: Vec<[f64; 4]>,
+    column: Vec<[u16; LANES]>,
+    value: Vec<[f64; LANES]>,
 }
 
+/// Rows side by side: a vector of the widest machines.
+const LANES: usize = 8;
 /// Pairs, at most; a power of two. Larger matrices outgrow the cache.
 const PAIRS: usize = 4096;
 /// Entries, at most.
@@ -30,17 +31,16 @@ impl Rows {
         order.sort_by_key(|&p| std::cmp::Reverse(length[p]));
         let mut start = vec![0];
         let mut place = vec![(0_usize, 0_usize); weights.len()];
-        for four in order.chunks(4) {
+        for rows in order.chunks(LANES) {
             let from = start[start.len() - 1];
-            four.iter().enumerate().for_each(|(lane, &p)| place[p] = (from, lane));
-            // Even, for two sums.
-            start.push(from + length[four[0]].next_multiple_of(2));
+            rows.iter().enumerate().for_each(|(lane, &p)| place[p] = (from, lane));
+            start.push(from + length[rows[0]]);
         }
         let entries = start[start.len() - 1];
-        let (mut column, mut value) = (vec![0; entries], vec![[0.0; 4]; entries]);
+        let (mut column, mut value) = (vec![[0; LANES]; entries], vec![[0.0; LANES]; entries]);
         banded.for_each(columns, |p, q, v| {
             let (at, lane) = &mut place[p];
-            column[*at] |= (q as u64) << (16 * *lane);
+            column[*at][*lane] = q as u16;
             value[*at][*lane] = v * weights[p] * weights[q];
             *at += 1;
         });
@@ -53,22 +53,22 @@ impl Rows {
     pub(super) fn multiply(&self, x: &[f64], y: &mut [f64]) {
         let mut padded = [0.0; PAIRS];
         padded[..x.len()].copy_from_slice(x);
-        for (k, four) in self.order.chunks(4).enumerate() {
+        for (k, rows) in self.order.chunks(LANES).enumerate() {
             let run = self.start[k]..self.start[k + 1];
-            let (columns, values) = (&self.column[run.clone()], &self.value[run]);
-            // Two sums a row, as one would wait for itself.
-            let mut sums = [[0.0; 4]; 2];
-            for (columns, values) in columns.chunks_exact(2).zip(values.chunks_exact(2)) {
-                for (sums, (&column, value)) in sums.iter_mut().zip(columns.iter().zip(values)) {
-                    for lane in 0..4 {
-                        // Below `PAIRS` as it is: this spares the check.
-                        sums[lane] += value[lane] * padded[(column >> (16 * lane)) as usize % PAIRS];
-                    }
+            let mut sums = [0.0; LANES];
+            for (column, value) in self.column[run.clone()].iter().zip(&self.value[run]) {
+                // Below `PAIRS` as it is: this spares the check. All are read before any is summed, so that the machine's
+                // instruction for scattered reads serves where it has one.
+                let mut gathered = [0.0; LANES];
+                for lane in 0..LANES {
+                    gathered[lane] = padded[usize::from(column[lane]) % PAIRS];
+                }
+                for lane in 0..LANES {
+                    sums[lane] += value[lane] * gathered[lane];
                 }
             }
-            let [even, odd] = sums;
-            for ((&p, even), odd) in four.iter().zip(even).zip(odd) {
-                y[p as usize] = even + odd;
+            for (&p, sum) in rows.iter().zip(sums) {
+                y[usize::from(p)] = sum;
             }
         }
     }

@@ -15,6 +15,44 @@ pub(super) fn sum(x: &[f64], value: impl Fn(f64) -> f64) -> f64 {
     tail + total(sums)
 }
 
+/// Sum and largest of numbers that are not negative.
+#[inline(always)]
+pub(super) fn sum_and_largest(x: &[f64]) -> (f64, f64) {
+    (sum(x, |x| x), largest(x))
+}
+
+/// Replaces each `x` by the first of what `next` gives for it and its partners `y` and `z`, and sums the two others.
+#[inline(always)]
+pub(super) fn replace(
+    x: &mut [f64],
+    y: &[f64],
+    z: &[f64],
+    next: impl Fn(f64, f64, f64) -> [f64; 3],
+) -> [f64; 2] {
+    let ((xs, x_tail), (ys, y_tail), (zs, z_tail)) =
+        (x.as_chunks_mut::<LANES>(), y.as_chunks::<LANES>(), z.as_chunks::<LANES>());
+    let mut sums = [[0.0; LANES]; 2];
+    for ((x, y), z) in xs.iter_mut().zip(ys).zip(zs) {
+        // All read before anything is written, so that lanes stay together.
+        let mut out = [[0.0; LANES]; 3];
+        for lane in 0..LANES {
+            [out[0][lane], out[1][lane], out[2][lane]] = next(x[lane], y[lane], z[lane]);
+        }
+        *x = out[0];
+        for lane in 0..LANES {
+            sums[0][lane] += out[1][lane];
+            sums[1][lane] += out[2][lane];
+        }
+    }
+    for (lane, ((x, y), z)) in x_tail.iter_mut().zip(y_tail).zip(z_tail).enumerate() {
+        let [new, a, b] = next(*x, *y, *z);
+        *x = new;
+        sums[0][lane] += a;
+        sums[1][lane] += b;
+    }
+    sums.map(total)
+}
+
 /// Sum of the products of two rows of equal length.
 #[inline(always)]
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
@@ -56,7 +94,7 @@ const SERIES: [f64; 14] = {
     series
 };
 
-/// `eˣ` of a number from −700 to 0, to a few units in the last place, without branches.
+/// `eˣ` of a number from −700 to 0 (or a rounding above), to a few units in the last place, without branches.
 ///
 /// `x = k ln 2 + r` with a whole `k`; `eʳ` by its series, `2ᵏ` by its bits.
 #[inline(always)]
@@ -68,7 +106,7 @@ pub(super) fn exp(x: f64) -> f64 {
     let shifted = x * std::f64::consts::LOG2_E + ROUND;
     let k = shifted - ROUND;
     let r = x - k * LN_2[0] - k * LN_2[1];
-    let series = SERIES.iter().rev().fold(0.0, |sum, c| sum * r + c);
+    let series = SERIES.iter().rev().fold(0.0_f64, |sum, c| sum.mul_add(r, *c));
     series * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
 }
 

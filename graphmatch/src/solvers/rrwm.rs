@@ -54,7 +54,7 @@ impl WithSimd for Walk<'_> {
     /// The loops over all pairs are inlined here, so that they are compiled for the vectors of the machine.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) -> Vec<f64> {
-        let Self { affinity, params } = self;
+        let Self { affinity, params: &RrwmParams { iterations, sinkhorn_iterations, alpha, beta } } = self;
         let (rows, columns) = (affinity.rows(), affinity.columns());
         let size = rows * columns;
         let mut walk = vec![1.0; size];
@@ -67,34 +67,36 @@ impl WithSimd for Walk<'_> {
         // The tiny share of the least degree is the reference's guard against 0/0, kept for equal answers.
         let scale = (most + 1e-5 * moved.iter().copied().fold(f64::INFINITY, f64::min)).recip();
         walk.fill(1.0 / size as f64);
+        moved.iter_mut().for_each(|x| *x /= size as f64);
         let mut jump = vec![0.0; size];
-        for _ in 0..params.iterations {
-            affinity.apply(&walk, &mut moved);
-            let (sum, largest) = (lanes::sum(&moved, |x| x), lanes::largest(&moved));
-            if sum == 0.0 {
+        for step in 0..iterations {
+            // The first product is that of the uniform walk, already known.
+            if step > 0 {
+                affinity.apply(&walk, &mut moved);
+            }
+            let (sum, largest) = lanes::sum_and_largest(&moved);
+            let sharpness = beta / largest;
+            // The walk has died out, or its entries are too small to compare.
+            if !sharpness.is_finite() {
                 break;
             }
             for (jump, x) in jump.iter_mut().zip(&moved) {
-                *jump = lanes::exp(params.beta * (x / largest - 1.0));
+                *jump = lanes::exp(sharpness * x - beta);
             }
-            sinkhorn(&mut jump, rows, columns, params.sinkhorn_iterations);
-            let rest = (1.0 - params.alpha) / sum;
-            for (jump, x) in jump.iter_mut().zip(&moved) {
-                *jump = params.alpha * *jump + rest * x;
-            }
-            let total = lanes::sum(&jump, |x| x).recip();
-            // What the reference looks at: the change against the walk before it was normalised.
-            for (x, jump) in moved.iter_mut().zip(&mut jump) {
-                *jump *= total;
-                *x = *jump - scale * *x;
-            }
-            let change = lanes::sum(&moved, |x| x * x).sqrt();
-            for ((walk, jump), step) in walk.iter_mut().zip(&jump).zip(&mut moved) {
-                *step = jump - *walk;
-                *walk = *jump;
-            }
+            sinkhorn(&mut jump, rows, columns, sinkhorn_iterations);
+            let rest = (1.0 - alpha) / sum;
+            let [total, _] = lanes::replace(&mut jump, &moved, &moved, |jump, x, _| {
+                let mixed = alpha * jump + rest * x;
+                [mixed, mixed, 0.0]
+            });
+            let share = total.recip();
+            // What the reference looks at is the change against the walk before it was normalised.
+            let [change, length] = lanes::replace(&mut walk, &jump, &moved, |walk, jump, x| {
+                let next = share * jump;
+                [next, (next - scale * x).powi(2), (next - walk).powi(2)]
+            });
             // A walk that stands still would stand still to the end.
-            if change < 1e-5 || lanes::sum(&moved, |x| x * x).sqrt() < STILL {
+            if change.sqrt() < 1e-5 || length.sqrt() < STILL {
                 break;
             }
         }
