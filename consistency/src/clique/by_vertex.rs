@@ -2,6 +2,7 @@
 
 use super::budget::Meter;
 use super::cover::Cover;
+use super::fractional;
 use super::incumbent::{Incumbent, START};
 use super::order::{DENSE, density, order_among};
 use super::penalties;
@@ -32,9 +33,19 @@ fn search_wide<const W: usize>(
     while found.len() < early && meter.nodes < begun + MANY_NODES && !meter.stopped {
         found.push(split.run(found.len(), &mut cover, meter));
     }
-    let hint = if problem.counted && found.len() < early { split.hint(meter) } else { None };
+    let (mut hint, mut left) = (None, split.parts.len() - found.len());
+    if problem.counted && found.len() < early && !meter.stopped {
+        let upper = fractional::bound::<W>(problem.matrix) as u64;
+        let is_known = || split.incumbent.get().0 >= upper;
+        if !is_known() {
+            hint = split.hint(meter);
+        }
+        if is_known() {
+            left = 0;
+        }
+    }
     let first = found.len();
-    found.extend(threads::run_all(split.parts.len() - first, meter, scratch, |index, cover, meter| {
+    found.extend(threads::run_all(left, meter, scratch, |index, cover, meter| {
         split.run(first + index, cover, meter)
     }));
     let (weight, index) = split.incumbent.get();

@@ -16,6 +16,7 @@ mod cover;
 mod dense;
 mod enumerate;
 mod fixed_point;
+mod fractional;
 mod greedy;
 mod growing;
 mod held;
