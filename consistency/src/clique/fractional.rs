@@ -13,12 +13,10 @@ use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 pub(super) fn bound<const W: usize>(matrix: &BitMatrix) -> usize {
     let n = matrix.len();
     let adjacent = closed::<W>(matrix);
-    let (mut covered, mut sets, mut upper) = (vec![0usize; n], 0, n);
+    let (mut covered, mut sets, mut upper) = (vec![0usize; n], 0usize, n);
     loop {
         let Some(&least) = covered.iter().min() else { return 0 };
-        if least > 0 {
-            upper = upper.min(sets / least);
-        }
+        upper = sets.checked_div(least).map_or(upper, |bound| upper.min(bound));
         if least >= FOLDS {
             return upper;
         }
