@@ -68,7 +68,7 @@ mod tests {
     #[test]
     fn disjoint_pairs_are_bounded_exactly() {
         for n in 3..14 {
-            assert_eq!(bound::<2>(&disjoint_pairs(n).matrix()), n / 2, "{n}");
+            assert_eq!(bound::<2>(disjoint_pairs(n).matrix()), n / 2, "{n}");
         }
     }
 
@@ -87,7 +87,7 @@ mod tests {
             let pairs = (0..n).flat_map(|a| (0..a).map(move |b| (a, b)));
             let edges: Vec<(usize, usize)> = pairs.filter(|_| rng.random_bool(density)).collect();
             let graph = Graph::from_edges(n, edges).unwrap();
-            let upper = bound::<1>(&graph.matrix());
+            let upper = bound::<1>(graph.matrix());
             assert!(upper >= maximum(&graph, &Budget::UNLIMITED).value && upper <= n);
         }
     }
