@@ -35,7 +35,7 @@ fn search_wide<const W: usize>(
     }
     let (mut hint, mut left) = (None, split.parts.len() - found.len());
     if problem.counted && found.len() < early && !meter.stopped {
-        let upper = fractional::bound::<W>(problem.matrix) as u64;
+        let upper = fractional::bound(&split.adjacent) as u64;
         let is_known = || split.incumbent.get().0 >= upper;
         if !is_known() {
             hint = split.hint(meter);

@@ -1,5 +1,4 @@
-use super::rows::{Set, and, and_not, closed, count, drop, full, is_empty, members};
-use crate::graph::{Adjacency, bit_matrix::BitMatrix};
+use super::rows::{Set, and, and_not, count, drop, full, is_empty, members};
 
 /// Upper bound of the size of a clique by a fractional colouring: if `m` stable sets cover each vertex `k` times, no clique has
 /// more than `m / k` vertices, since it meets each set at most once.
@@ -10,9 +9,10 @@ use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 ///
 /// **Source**: Grötschel, Lovász and Schrijver, *The ellipsoid method and its consequences in combinatorial optimization*,
 /// 1981, for the bound; the cover here is heuristic, so it lies above the fractional chromatic number.
-pub(super) fn bound<const W: usize>(matrix: &BitMatrix) -> usize {
-    let n = matrix.len();
-    let adjacent = closed::<W>(matrix);
+///
+/// `adjacent` rows hold their own vertex too.
+pub(super) fn bound<const W: usize>(adjacent: &[Set<W>]) -> usize {
+    let n = adjacent.len();
     let (mut covered, mut sets, mut upper) = (vec![0usize; n], 0usize, n);
     loop {
         let Some(&least) = covered.iter().min() else { return 0 };
@@ -22,7 +22,7 @@ pub(super) fn bound<const W: usize>(matrix: &BitMatrix) -> usize {
         }
         let mut demand = full::<W>(n);
         (0..n).filter(|&v| covered[v] > least).for_each(|v| drop(&mut demand, v));
-        stable_set(&adjacent, demand).into_iter().for_each(|v| covered[v] += 1);
+        stable_set(adjacent, demand).into_iter().for_each(|v| covered[v] += 1);
         sets += 1;
     }
 }
@@ -46,6 +46,7 @@ fn stable_set<const W: usize>(adjacent: &[Set<W>], demand: Set<W>) -> Vec<usize>
 
 #[cfg(test)]
 mod tests {
+    use super::super::rows::closed;
     use super::*;
     use crate::clique::{Budget, maximum};
     use crate::graph::Graph;
@@ -68,7 +69,7 @@ mod tests {
     #[test]
     fn disjoint_pairs_are_bounded_exactly() {
         for n in 3..14 {
-            assert_eq!(bound::<2>(disjoint_pairs(n).matrix()), n / 2, "{n}");
+            assert_eq!(bound(&closed::<2>(disjoint_pairs(n).matrix())), n / 2, "{n}");
         }
     }
 
@@ -87,7 +88,7 @@ mod tests {
             let pairs = (0..n).flat_map(|a| (0..a).map(move |b| (a, b)));
             let edges: Vec<(usize, usize)> = pairs.filter(|_| rng.random_bool(density)).collect();
             let graph = Graph::from_edges(n, edges).unwrap();
-            let upper = bound::<1>(graph.matrix());
+            let upper = bound(&closed::<1>(graph.matrix()));
             assert!(upper >= maximum(&graph, &Budget::UNLIMITED).value && upper <= n);
         }
     }

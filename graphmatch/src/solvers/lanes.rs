@@ -15,12 +15,6 @@ pub(super) fn sum(x: &[f64], value: impl Fn(f64) -> f64) -> f64 {
     tail + total(sums)
 }
 
-/// Sum and largest of numbers that are not negative.
-#[inline(always)]
-pub(super) fn sum_and_largest(x: &[f64]) -> (f64, f64) {
-    (sum(x, |x| x), largest(x))
-}
-
 /// Replaces each `x` by the first of what `next` gives for it and its partners `y` and `z`, and sums the two others.
 #[inline(always)]
 pub(super) fn replace(

@@ -74,7 +74,7 @@ impl WithSimd for Walk<'_> {
             if step > 0 {
                 affinity.apply(&walk, &mut moved);
             }
-            let (sum, largest) = lanes::sum_and_largest(&moved);
+            let (sum, largest) = (lanes::sum(&moved, |x| x), lanes::largest(&moved));
             let sharpness = beta / largest;
             // The walk has died out, or its entries are too small to compare.
             if !sharpness.is_finite() {

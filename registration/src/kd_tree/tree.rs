@@ -5,7 +5,7 @@ use super::bounds::Bounds;
 use super::group::Group;
 use super::leaf::{LEAF, Leaf};
 use super::probe::{Probe, Single};
-use super::visitor::{Best, BestPosition, Count, Nearest, Neighbor, Visitor, Within};
+use super::visitor::{BestPosition, Count, Nearest, Neighbor, Visitor, Within};
 use crate::Error;
 use crate::parallel::join;
 
@@ -126,7 +126,8 @@ impl<const D: usize> KdTree<D> {
 
     /// The nearest point not farther than `max_distance` (metres, inclusive).
     pub fn nearest_within(&self, query: &SVector<f64, D>, max_distance: f64) -> Option<Neighbor> {
-        let mut best = Best { index: u32::MAX, distance_sq: max_distance * max_distance };
+        let distance_sq = max_distance * max_distance;
+        let mut best = BestPosition { position: u32::MAX, index: u32::MAX, distance_sq };
         self.search(query, &mut best);
         (best.index != u32::MAX)
             .then_some(Neighbor { index: best.index as usize, distance_sq: best.distance_sq })

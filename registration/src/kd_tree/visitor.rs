@@ -13,24 +13,6 @@ pub struct Neighbor {
     pub distance_sq: f64,
 }
 
-pub(super) struct Best {
-    pub(super) index: u32,
-    pub(super) distance_sq: f64,
-}
-
-impl Visitor for Best {
-    #[inline]
-    fn limit_sq(&self) -> f64 {
-        self.distance_sq
-    }
-    #[inline]
-    fn visit(&mut self, _: usize, index: u32, distance_sq: f64) {
-        if distance_sq < self.distance_sq || index < self.index {
-            *self = Best { index, distance_sq };
-        }
-    }
-}
-
 /// The nearest few points by tree position, in order of distance, then of index.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NearestFew<const K: usize> {
