@@ -30,6 +30,13 @@ impl TeamEstimate {
         TeamEstimate { trajectories: BTreeMap::from([(robot, poses.to_vec())]) }
     }
 
+    #[cfg(test)]
+    pub(crate) fn from_trajectories(
+        trajectories: impl IntoIterator<Item = (RobotId, Vec<Isometry2<f64>>)>,
+    ) -> Self {
+        TeamEstimate { trajectories: trajectories.into_iter().collect() }
+    }
+
     /// The robots in the common frame, ascending.
     pub fn robots(&self) -> impl Iterator<Item = RobotId> + '_ {
         self.trajectories.keys().copied()

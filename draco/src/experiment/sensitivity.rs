@@ -29,6 +29,8 @@ const KNOBS: &[Knob] = &[
     ("local.voxel", |p, f| p.local.voxel *= f),
     ("local.min_points", |p, f| count(&mut p.local.min_points, f)),
     ("local.odometry_sigma", |p, f| p.local.odometry_sigma *= f),
+    ("local.odometry_spread", |p, f| p.local.odometry_spread *= f),
+    ("local.bias_sigma", |p, f| p.local.bias_sigma *= f),
     ("local.odometry_sigma_angle", |p, f| p.local.odometry_sigma_angle *= f),
     ("local.scale_sigma", |p, f| p.local.scale_sigma *= f),
     ("local.step_min_score", |p, f| p.local.step_min_score *= f),
@@ -80,6 +82,9 @@ const KNOBS: &[Knob] = &[
     ("closure.min_score", |p, f| p.closure.min_score *= f),
     ("closure.max_far_ratio", |p, f| p.closure.max_far_ratio *= f),
     ("closure.covariance_factor", |p, f| p.closure.covariance_factor *= f),
+    ("closure.max_residual", |p, f| p.closure.max_residual *= f),
+    ("closure.max_residual_angle", |p, f| p.closure.max_residual_angle *= f),
+    ("closure.max_residual_sigmas", |p, f| p.closure.max_residual_sigmas *= f),
     ("exchange.map_interval", |p, f| count(&mut p.exchange.map_interval, f)),
 ];
 

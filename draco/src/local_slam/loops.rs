@@ -92,10 +92,12 @@ impl LocalSlam {
         if found.score < params.min_score {
             return Ok(None);
         }
+        let around = Start { target_from_source: found.target_from_source, covariance: None };
+        let finer = Target::new(&map, &params.refinement)?.locate(&points, &around)?;
         Ok(Some(OwnClosure {
             source,
             target,
-            measured: found.target_from_source,
+            measured: finer.target_from_source,
             covariance: found.covariance,
             accepted: false,
         }))

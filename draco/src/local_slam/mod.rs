@@ -5,6 +5,7 @@
 //! thread and no randomness.
 
 mod loops;
+mod noise;
 mod params;
 mod scale;
 mod step;
@@ -12,7 +13,7 @@ mod submap;
 
 use draco_lie::LieGroup;
 use draco_pgo::{Gauge, Kernel, Key, Marginals, PoseGraph2, SolveParams, solve};
-use draco_registration::correlative::{Start, Target};
+use draco_registration::correlative::{CorrelativeParams, Start, Target};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +23,7 @@ pub use submap::merge;
 use crate::Error;
 use crate::keyframe::Keyframe;
 use loops::OwnClosure;
-use scale::{CALIBRATION, ScaledStep, scaled};
+use scale::{CALIBRATION, ScaledStep, corrected};
 use step::ScanFactor;
 
 /// Information of the prior that holds the first keyframe, and of what the calibration may not do.
@@ -88,18 +89,24 @@ pub struct LocalSlam {
     steps: Vec<Step>,
     closures: Vec<OwnClosure>,
     scale: f64,
+    /// Constant error of the odometry's heading, as calibrated so far, radians a keyframe.
+    bias: f64,
+    /// Standard deviation of a step of odometry, as calibrated so far, metres.
+    sigma: f64,
 }
 
 impl LocalSlam {
     /// An empty map.
     pub fn new(params: LocalSlamParams) -> Self {
         Self {
+            sigma: params.odometry_sigma,
             params,
             keyframes: Vec::new(),
             poses: Vec::new(),
             steps: Vec::new(),
             closures: Vec::new(),
             scale: 1.0,
+            bias: 0.0,
         }
     }
 
@@ -123,7 +130,7 @@ impl LocalSlam {
         let odometry = last.odometry.between(&keyframe.odometry);
         let previous = self.poses[self.poses.len() - 1];
         self.steps.push(Step { odometry, scan: None });
-        self.poses.push(previous * scaled(&odometry, self.scale));
+        self.poses.push(previous * corrected(&odometry, self.scale, self.bias));
         self.keyframes.push(keyframe);
         let newest = self.keyframes.len() - 1;
         (report.matched, report.score) = self.match_step(newest)?;
@@ -157,10 +164,14 @@ impl LocalSlam {
         Ok(())
     }
 
+    /// A step by odometry as calibrated so far.
+    fn predicted(&self, step: &Step) -> Isometry2<f64> {
+        corrected(&step.odometry, self.scale, self.bias)
+    }
+
     /// Covariance of a step by odometry, in the frame of the later keyframe.
     fn odometry_covariance(&self) -> Matrix3<f64> {
-        let (along, angle) = (self.params.odometry_sigma.powi(2), self.params.odometry_sigma_angle.powi(2));
-        Matrix3::from_diagonal(&Vector3::new(along, along, angle))
+        noise::covariance(self.sigma, self.params.odometry_sigma_angle)
     }
 
     /// Matches keyframe `k` with the window before it. Returns whether it worked, and the score.
@@ -173,15 +184,20 @@ impl LocalSlam {
         if target.len() < self.params.min_points {
             return Ok((false, 0.0));
         }
-        let start = scaled(&self.steps[k - 1].odometry, self.scale);
-        let prior = self.odometry_covariance();
-        let found = Target::new(&target, &self.params.step)?
+        let start = self.predicted(&self.steps[k - 1]);
+        let prior = noise::covariance(self.params.odometry_sigma, self.params.odometry_sigma_angle);
+        let step = &self.params.step;
+        // what the lattice hides is no part of the posterior that the prior is taken out of again
+        let bare = CorrelativeParams { extra_sigma: 0.0, extra_sigma_angle: 0.0, ..*step };
+        let hidden = noise::covariance(step.extra_sigma, step.extra_sigma_angle);
+        let found = Target::new(&target, &bare)?
             .locate(source, &Start { target_from_source: start, covariance: Some(prior) })?;
         if found.score < self.params.step_min_score {
             self.steps[k - 1].scan = None;
             return Ok((false, found.score));
         }
-        self.steps[k - 1].scan = ScanFactor::without_prior(&found, &start, &prior);
+        self.steps[k - 1].scan =
+            ScanFactor::without_prior(&found, &start, &prior).map(|scan| scan.blurred(&hidden));
         Ok((self.steps[k - 1].scan.is_some(), found.score))
     }
 
@@ -200,8 +216,8 @@ impl LocalSlam {
             graph.add_pose(key(k), *pose)?;
         }
         graph.add_prior(key(0), Isometry2::identity(), held, Kernel::None)?;
-        graph.add_pose(CALIBRATION, Isometry2::translation(self.scale, 0.0))?;
-        let unknown = Vector3::new(self.params.scale_sigma.powi(-2), HELD, HELD);
+        graph.add_pose(CALIBRATION, Isometry2::new([self.scale, 0.0].into(), self.bias))?;
+        let unknown = Vector3::new(self.params.scale_sigma.powi(-2), HELD, self.params.bias_sigma.powi(-2));
         graph.add_prior(
             CALIBRATION,
             Isometry2::translation(1.0, 0.0),
@@ -242,7 +258,9 @@ impl LocalSlam {
         }
         if let Some(calibration) = solution.pose(CALIBRATION) {
             self.scale = calibration.translation.x;
+            self.bias = calibration.rotation.angle();
         }
+        self.calibrate_noise();
         Ok(())
     }
 
@@ -269,6 +287,11 @@ impl LocalSlam {
         self.scale
     }
 
+    /// Standard deviation of a step of odometry along each axis, as calibrated so far, metres.
+    pub fn odometry_sigma(&self) -> f64 {
+        self.sigma
+    }
+
     /// Loop closures in the map, as (earlier, later) keyframe.
     pub fn loop_closures(&self) -> Vec<(u32, u32)> {
         let accepted = self.closures.iter().filter(|closure| closure.accepted);
@@ -282,7 +305,7 @@ impl LocalSlam {
     pub fn factors(&self) -> Result<Vec<LocalFactor>, Error> {
         let prior = self.odometry_covariance();
         let steps = self.steps.iter().enumerate().map(|(k, step)| {
-            let odometry = scaled(&step.odometry, self.scale);
+            let odometry = self.predicted(step);
             let (measured, covariance, kind) = match &step.scan {
                 Some(scan) => {
                     // The weight the kernel gives it in this map, so that a plain graph of these factors has the

@@ -14,13 +14,20 @@ pub struct LocalSlamParams {
     pub voxel: f64,
     /// Fewest points of a scan that is matched at all. Default 40.
     pub min_points: usize,
-    /// Standard deviation of one step of odometry after calibration, along and across, metres. Default 0.6 m: a fifth
-    /// of a step, what commanded velocity under current gives.
+    /// Standard deviation of one step of odometry after calibration, along and across, metres, before anything is known:
+    /// matches are looked for with it, and the calibration takes it down as far as the matches agree with odometry, never
+    /// up. Default 0.6 m: a fifth of a step, what commanded velocity under current gives.
     pub odometry_sigma: f64,
+    /// Standard deviation of the logarithm of the calibrated one around that. Default 0.7, a factor of two, so that some
+    /// ten matches outweigh it.
+    pub odometry_spread: f64,
     /// The same in heading, radians. Default 0.015 rad, a compass-aided gyro over some twenty seconds.
     pub odometry_sigma_angle: f64,
     /// Standard deviation of the unknown factor by which odometry misjudges lengths; its mean is 1. Default 0.15.
     pub scale_sigma: f64,
+    /// Standard deviation of an unknown constant error of the odometry's heading, radians a keyframe. Default 0.003: ten
+    /// degrees over 60 keyframes, a gyro whose bias has been taken off at the start.
+    pub bias_sigma: f64,
     /// Matching of one scan with the window. Its radius is 5 σ of a step.
     pub step: CorrelativeParams,
     /// Least score of a step match. Default 0.35: a third of the points has to lie on the map.
@@ -42,8 +49,10 @@ impl Default for LocalSlamParams {
             voxel: 0.35,
             min_points: 40,
             odometry_sigma: 0.6,
+            odometry_spread: 0.7,
             odometry_sigma_angle: 0.015,
             scale_sigma: 0.15,
+            bias_sigma: 0.003,
             step: CorrelativeParams::default(),
             step_min_score: 0.35,
             step_cauchy: 2.0,
@@ -77,6 +86,10 @@ pub struct LoopParams {
     pub min_score: f64,
     /// Matching of the source with the target.
     pub matching: CorrelativeParams,
+    /// Second, finer search around what the first one found. It moves the closure; the covariance stays that of the first,
+    /// because the submaps are bent by more than the finer kernel knows. Default kernel 0.35 m, steps of 0.3 m within
+    /// 1.2 m and 0.05 rad, as for closures between robots.
+    pub refinement: CorrelativeParams,
     /// Scale of the Cauchy kernel, in standard deviations. Default 1.
     pub cauchy: f64,
 }
@@ -94,6 +107,7 @@ impl Default for LoopParams {
             max_angle: 0.2,
             min_score: 0.4,
             matching: CorrelativeParams::default(),
+            refinement: crate::closure::ClosureParams::default().refinement,
             cauchy: 1.0,
         }
     }

@@ -1,6 +1,6 @@
 use draco_lie::LieGroup;
 use draco_pgo::{CustomFactor, Key};
-use nalgebra::{Isometry2, Vector3};
+use nalgebra::{Isometry2, UnitComplex, Vector3};
 
 /// The pose that carries the odometry's calibration: its x is the factor on lengths, its y and heading stay 0.
 pub(super) const CALIBRATION: Key = Key::new(1, 0);
@@ -21,14 +21,15 @@ impl ScaledStep {
     }
 
     fn error(&self, poses: &[Isometry2<f64>]) -> Vector3<f64> {
-        let predicted = scaled(&self.odometry, poses[2].translation.x);
+        let predicted = corrected(&self.odometry, poses[2].translation.x, poses[2].rotation.angle());
         predicted.between(&poses[0].between(&poses[1])).log()
     }
 }
 
-/// The step with its length multiplied by `scale`.
-pub(super) fn scaled(odometry: &Isometry2<f64>, scale: f64) -> Isometry2<f64> {
-    Isometry2::from_parts((odometry.translation.vector * scale).into(), odometry.rotation)
+/// The step with its length multiplied by `scale` and its heading turned by `bias`.
+pub(super) fn corrected(odometry: &Isometry2<f64>, scale: f64, bias: f64) -> Isometry2<f64> {
+    let rotation = odometry.rotation * UnitComplex::new(bias);
+    Isometry2::from_parts((odometry.translation.vector * scale).into(), rotation)
 }
 
 impl CustomFactor<Isometry2<f64>, 3> for ScaledStep {
@@ -54,14 +55,17 @@ impl CustomFactor<Isometry2<f64>, 3> for ScaledStep {
                 // A change of s moves the predicted pose by its own frame's image of the step; seen from the error
                 // that is a left perturbation by the negative.
                 let mut column = Vector3::zeros();
-                let body = self.odometry.rotation.inverse() * self.odometry.translation.vector;
+                let rotation = self.odometry.rotation * poses[2].rotation;
+                let body = rotation.inverse() * self.odometry.translation.vector;
                 column.fixed_rows_mut::<2>(0).copy_from(&body);
                 let mut j = nalgebra::Matrix3::zeros();
                 let along = poses[2].rotation * nalgebra::Vector2::new(1.0, 0.0);
                 let across = poses[2].rotation * nalgebra::Vector2::new(0.0, 1.0);
-                let left = -Isometry2::left_jacobian_inverse(&error) * column;
+                let inverse = -Isometry2::left_jacobian_inverse(&error);
+                let left = inverse * column;
                 j.set_column(0, &(left * along.x));
                 j.set_column(1, &(left * across.x));
+                j.set_column(2, &(inverse * Vector3::z()));
                 j
             }
         };

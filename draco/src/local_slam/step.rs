@@ -53,6 +53,13 @@ impl ScanFactor {
         Self { information: self.information / (1.0 + chi2 / (scale * scale)), ..*self }
     }
 
+    /// The factor with `extra` added to its covariance.
+    pub(super) fn blurred(self, extra: &Matrix3<f64>) -> Self {
+        let widened = (Matrix3::identity() + self.information * extra).try_inverse();
+        let information = widened.map_or(self.information, |w| w * self.information);
+        Self { information: (information + information.transpose()) * 0.5, ..self }
+    }
+
     /// The product of this and odometry: pose and covariance. `None` when the sum of both informations has no inverse.
     pub(super) fn fused(
         &self,

@@ -10,7 +10,7 @@ use super::partner::{Alignment, Partner};
 use super::{AlignmentEvent, Proposal, Robot};
 use crate::alignment::{self, MapKind, ObjectMatcher, Opinion, OwnMap, Verdict, consensus};
 use crate::closure;
-use crate::consistency::{self, Evidence, Judgement};
+use crate::consistency::{self, Evidence, Judgement, Method};
 use crate::error::Error;
 use crate::evaluate::{Decision, rigid_alignment};
 use crate::keyframe::RobotId;
@@ -88,7 +88,10 @@ impl Robot {
             Verdict::Clear(mode) => self.weigh(id, partner, mode, &middle, now),
             Verdict::Ambiguous { ratio } => {
                 self.tell(id, now, format!("ambiguous: second best fit at {ratio:.2} of the best"));
-                self.doubt(id, partner, Alignment::Unknown, now);
+                // Closures have told what the maps alone cannot; only a clear fit elsewhere speaks against them.
+                if !matches!(partner.alignment, Alignment::Accepted(_)) {
+                    self.doubt(id, partner, Alignment::Unknown, now);
+                }
             }
             Verdict::None => {}
         }
@@ -275,6 +278,9 @@ impl Robot {
             .collect();
         self.team = self.team_problem(own_graph).solve(self.params.optimisation)?;
         self.record(entries, &judgement);
+        if self.params.method == Method::Gcm && self.retract_contradicted() {
+            self.team = self.team_problem(own_graph).solve(self.params.optimisation)?;
+        }
         Ok(())
     }
 }

@@ -16,6 +16,7 @@ pub(crate) mod maps;
 mod meet;
 mod partner;
 mod reports;
+mod retract;
 
 use std::collections::BTreeMap;
 
