@@ -1,11 +1,12 @@
 use nalgebra::{Isometry2, Point2};
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::distance_field::{FieldParams, Grid};
 use crate::error::Error;
 
-/// Numbers that are worked on at once. Rows have this many columns more than cells, so that a run of them may end late.
-const LANES: usize = 8;
+/// Most numbers that a processor works on at once; what it does is a divisor. Rows have this many columns more than cells,
+/// so that a run of them may end late.
+const LANES: usize = 16;
 
 /// The kernel `exp(-d² / 2 s²)` of the distance `d` from the centre of every cell to the nearest point of a set, 0 beyond
 /// the reach.
@@ -77,17 +78,17 @@ struct Stamps<'a> {
     curvature: f64,
 }
 
-impl NullaryFnOnce for Stamps<'_> {
+impl WithSimd for Stamps<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Stamps { kernels, points, reach, curvature } = self;
         let (cell, step) = (kernels.grid.cell, kernels.step);
         // what lies beyond the reach in a corner of a point's square counts as nothing
-        let least = (curvature * reach * reach).exp() as f32;
+        let (least, zero) = (simd.splat_f32s((curvature * reach * reach).exp() as f32), simd.splat_f32s(0.0));
         // one line of factors a remainder, each as long as the widest square needs
-        let longest = ((2.0 * reach / cell) as usize + 2).div_ceil(step) + 1 + LANES;
+        let longest = (((2.0 * reach / cell) as usize + 2).div_ceil(step) + 1).next_multiple_of(LANES);
         let mut along = vec![0.0f32; step * longest];
         let factor = |at: f64, index: usize| {
             let distance = (index as f64 + 0.5 - at) * cell;
@@ -103,16 +104,14 @@ impl NullaryFnOnce for Stamps<'_> {
             }
             let length = ((columns.end - 1) / step - columns.start / step + 1).next_multiple_of(LANES);
             for row in kernels.grid.near(y, reach, kernels.grid.rows) {
-                let across = factor(y, row);
+                let across = simd.splat_f32s(factor(y, row));
                 for (remainder, line) in along.chunks_exact(longest).enumerate() {
                     let at = kernels.start(remainder, row) + columns.start / step;
-                    let (values, _) = kernels.values[at..at + length].as_chunks_mut::<LANES>();
-                    for (values, factors) in values.iter_mut().zip(line.as_chunks::<LANES>().0) {
-                        for (value, factor) in values.iter_mut().zip(factors) {
-                            let kernel = factor * across;
-                            let kernel = if kernel > least { kernel } else { 0.0 };
-                            *value = if kernel > *value { kernel } else { *value };
-                        }
+                    let (values, _) = S::as_mut_simd_f32s(&mut kernels.values[at..at + length]);
+                    for (value, factor) in values.iter_mut().zip(S::as_simd_f32s(line).0) {
+                        let kernel = simd.mul_f32s(*factor, across);
+                        let kernel = simd.select_f32s(simd.less_than_f32s(least, kernel), kernel, zero);
+                        *value = simd.max_f32s(*value, kernel);
                     }
                 }
             }
@@ -128,11 +127,11 @@ struct Shifts<'a> {
     half: usize,
 }
 
-impl NullaryFnOnce for Shifts<'_> {
+impl WithSimd for Shifts<'_> {
     type Output = Vec<f32>;
 
     #[inline(always)]
-    fn call(self) -> Vec<f32> {
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
         let Shifts { kernels, source, pose, half } = self;
         let side = 2 * half + 1;
         let length = side.next_multiple_of(LANES);
@@ -148,20 +147,26 @@ impl NullaryFnOnce for Shifts<'_> {
             if skip >= room.min(side) {
                 continue;
             }
-            for (j, sums) in sums.chunks_exact_mut(length).enumerate() {
-                let row = row + (j as i64 - half) * step;
-                if !(0..kernels.grid.rows as i64).contains(&row) {
-                    continue;
-                }
-                let at = kernels.start(remainder, row as usize) + (first + skip as i64) as usize;
-                let values = &kernels.values[at..at + (room - skip)];
-                if room - skip == length {
-                    for (sums, values) in
-                        sums.as_chunks_mut::<LANES>().0.iter_mut().zip(values.as_chunks::<LANES>().0)
-                    {
-                        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+            // lattice rows that fall on the grid
+            let rows = kernels.grid.rows as i64;
+            let above = (row - half * step).min(0).unsigned_abs().div_ceil(step as u64) as usize;
+            let row = row + (above as i64 - half) * step;
+            if above >= side || row >= rows {
+                continue;
+            }
+            let at = kernels.start(remainder, row as usize) + (first + skip as i64) as usize;
+            let end = kernels.start(remainder + 1, 0);
+            let lines = kernels.values[at..end].chunks(kernels.step * kernels.width);
+            let sums = sums.chunks_exact_mut(length).skip(above);
+            if room - skip == length {
+                for (sums, values) in sums.zip(lines) {
+                    let (sums, values) = (S::as_mut_simd_f32s(sums).0, S::as_simd_f32s(&values[..length]).0);
+                    for (sum, value) in sums.iter_mut().zip(values) {
+                        *sum = simd.add_f32s(*sum, *value);
                     }
-                } else {
+                }
+            } else {
+                for (sums, values) in sums.zip(lines) {
                     sums[skip..room].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
                 }
             }

@@ -8,6 +8,10 @@ use crate::error::{Error, check};
 /// Rounds in which the winning mode is centred on its own mean.
 const MODE_ROUNDS: usize = 3;
 
+/// Poses whose log posterior is this far below the best are left out of the moments: ten million of them together weigh
+/// less than the rounding of the best.
+const NEGLIGIBLE: f64 = 55.0;
+
 /// What to search and how much to believe a score.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CorrelativeParams {
@@ -341,7 +345,7 @@ struct Sample {
 /// Mean and covariance of `[x, y, θ]` under the weights `exp(log_posterior − peak)`.
 fn moments<'a>(samples: impl Iterator<Item = &'a Sample>, peak: f64) -> (Vector3<f64>, Matrix3<f64>) {
     let (mut weight, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
-    for sample in samples {
+    for sample in samples.filter(|sample| sample.log_posterior > peak - NEGLIGIBLE) {
         let w = (sample.log_posterior - peak).exp();
         let u = Vector3::new(sample.shift.x, sample.shift.y, sample.angle);
         weight += w;
