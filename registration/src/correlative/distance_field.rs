@@ -48,6 +48,20 @@ impl Grid {
         Ok(Self { cell: params.cell, origin, columns: columns as usize, rows: rows as usize })
     }
 
+    /// The part of the grid whose cells a box between two corners touches, at least one cell of it.
+    pub(super) fn clipped(self, low: &Point2<f64>, high: &Point2<f64>) -> Self {
+        let part = |low: f64, high: f64, count: usize| {
+            let first = low.floor().clamp(0.0, count as f64 - 1.0) as usize;
+            let last = high.floor().clamp(first as f64, count as f64 - 1.0) as usize;
+            (first, last + 1 - first)
+        };
+        let ((left, bottom), (right, top)) = (self.place_of(low), self.place_of(high));
+        let ((column, columns), (row, rows)) =
+            (part(left, right, self.columns), part(bottom, top, self.rows));
+        let corner = nalgebra::Vector2::new(column as f64, row as f64) * self.cell;
+        Self { origin: self.origin + corner, columns, rows, ..self }
+    }
+
     /// Place of a point in cells from the origin.
     #[inline(always)]
     pub(super) fn place_of(&self, point: &Point2<f64>) -> (f64, f64) {
@@ -66,8 +80,8 @@ impl Grid {
     pub(super) fn near(&self, place: f64, reach: f64, count: usize) -> std::ops::Range<usize> {
         let reach = reach / self.cell;
         let first = (place - reach - 0.5).ceil().max(0.0) as usize;
-        let last = (place + reach - 0.5).floor().max(0.0) as usize;
-        first..(last + 1).min(count)
+        let end = ((place + reach + 0.5).floor().max(0.0) as usize).min(count);
+        first.min(end)..end
     }
 }
 

@@ -26,6 +26,7 @@ pub(super) struct KernelGrid {
 impl KernelGrid {
     /// * `sigma` – width of the kernel, metres.
     /// * `step` – columns and rows from one pose of a lattice to the next.
+    /// * `region` – two corners of the box in which values are wanted; `None` for all.
     ///
     /// # Errors
     /// Those of [`DistanceField::new`](super::DistanceField::new).
@@ -34,8 +35,13 @@ impl KernelGrid {
         params: &FieldParams,
         sigma: f64,
         step: usize,
+        region: Option<&(Point2<f64>, Point2<f64>)>,
     ) -> Result<Self, Error> {
         let grid = Grid::around(points, params)?;
+        let grid = match region {
+            Some((low, high)) => grid.clipped(low, high),
+            None => grid,
+        };
         let width = grid.columns.div_ceil(step) + LANES;
         let values = vec![0.0; step * grid.rows * width];
         let mut kernels = KernelGrid { grid, values, width, step };
@@ -97,6 +103,9 @@ impl WithSimd for Stamps<'_> {
         for point in points {
             let (x, y) = kernels.grid.place_of(point);
             let columns = kernels.grid.near(x, reach, kernels.grid.columns);
+            if columns.is_empty() {
+                continue;
+            }
             along.fill(0.0);
             for column in columns.clone() {
                 let place = column / step - columns.start / step;
@@ -195,7 +204,7 @@ mod tests {
         ) {
             let params = FieldParams { cell, reach: 1.8 };
             let (kernels, field) =
-                (KernelGrid::new(&target, &params, sigma, step).unwrap(), DistanceField::new(&target, &params).unwrap());
+                (KernelGrid::new(&target, &params, sigma, step, None).unwrap(), DistanceField::new(&target, &params).unwrap());
             for point in &at {
                 let expected = field.distance(point).map_or(0.0, |d| (-0.5 * d * d / (sigma * sigma)).exp());
                 let difference = (f64::from(kernels.value(point)) - expected).abs();
@@ -211,7 +220,7 @@ mod tests {
             x in -30.0..30.0f64, angle in -3.0..3.0f64,
         ) {
             let params = FieldParams { cell: 0.25, reach: 1.8 };
-            let kernels = KernelGrid::new(&target, &params, 0.6, step).unwrap();
+            let kernels = KernelGrid::new(&target, &params, 0.6, step, None).unwrap();
             let pose = Isometry2::new([x, 0.1].into(), angle);
             let means = kernels.mean_at_shifts(&source, &pose, half);
             let side = 2 * half + 1;

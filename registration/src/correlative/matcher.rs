@@ -1,7 +1,7 @@
 use draco_lie::LieGroup;
 use nalgebra::{Isometry2, Matrix3, Point2, Rotation2, Vector2, Vector3};
 
-use super::distance_field::FieldParams;
+use super::distance_field::{FieldParams, bounds};
 use super::kernel_grid::KernelGrid;
 use crate::error::{Error, check};
 
@@ -143,8 +143,38 @@ impl Target {
     /// # Errors
     /// Those of [`DistanceField::new`](super::DistanceField::new), and a parameter out of its range.
     pub fn new(points: &[Point2<f64>], params: &CorrelativeParams) -> Result<Self, Error> {
+        Self::within(points, params, None)
+    }
+
+    /// As [`Target::new`], for nothing but locating `source` around `start`: the same answer, with only the part of the
+    /// target prepared that a pose of the window can bring the source to.
+    ///
+    /// # Errors
+    /// Those of [`Target::new`], no source point, or a coordinate that is not finite.
+    pub fn for_source(
+        points: &[Point2<f64>],
+        params: &CorrelativeParams,
+        source: &[Point2<f64>],
+        start: &Isometry2<f64>,
+    ) -> Result<Self, Error> {
+        let centroid = centroid(source)?;
+        let placed: Vec<Point2<f64>> = source.iter().map(|point| start * point).collect();
+        let (low, high) = bounds(&placed)?;
+        // a turn about the centroid moves no point farther than the chord of the one farthest out
+        let extent = source.iter().map(|point| (point - centroid).norm()).fold(0.0, f64::max);
+        let turn = 2.0 * extent * (0.5 * params.angle).sin();
+        let margin = Vector2::repeat(turn + params.radius + params.step + params.field.cell);
+        Self::within(points, params, Some(&(low - margin, high + margin)))
+    }
+
+    fn within(
+        points: &[Point2<f64>],
+        params: &CorrelativeParams,
+        region: Option<&(Point2<f64>, Point2<f64>)>,
+    ) -> Result<Self, Error> {
         params.check()?;
-        let kernels = KernelGrid::new(points, &params.field, params.kernel_sigma, params.step_cells())?;
+        let (sigma, step) = (params.kernel_sigma, params.step_cells());
+        let kernels = KernelGrid::new(points, &params.field, sigma, step, region)?;
         Ok(Self { params: *params, kernels })
     }
 
