@@ -81,6 +81,7 @@ const KNOBS: &[Knob] = &[
     ("closure.max_far_ratio", |p, f| p.closure.max_far_ratio *= f),
     ("closure.covariance_factor", |p, f| p.closure.covariance_factor *= f),
     ("exchange.map_interval", |p, f| count(&mut p.exchange.map_interval, f)),
+    ("exchange.object_interval", |p, f| count(&mut p.exchange.object_interval, f)),
 ];
 
 fn count(value: &mut usize, factor: f64) {
