@@ -151,7 +151,12 @@ fn experiment(arguments: &RunExperiment) -> anyhow::Result<()> {
     }
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
     bar.enable_steady_tick(Duration::from_millis(200));
-    let progress = |part: &str| bar.set_message(part.to_owned());
+    let progress = |part: &str| {
+        bar.set_message(part.to_owned());
+        if bar.is_hidden() {
+            eprintln!("{part}");
+        }
+    };
     let settings = Settings {
         seeds: arguments.seeds,
         first_seed: arguments.first_seed,

@@ -58,7 +58,11 @@ pub(super) fn fly<V: Clone + Send + Sync>(
             let report = mission::run(&data, &params, |_| {})?;
             let seconds = report.timing.get("mission_s").copied().unwrap_or(f64::NAN);
             let count = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            (settings.progress)(&format!("{count} of {} missions", plans.len()));
+            let name = scenario.name();
+            (settings.progress)(&format!(
+                "{count} of {} missions: {name}, seed {seed}, {seconds:.0} s",
+                plans.len()
+            ));
             Ok(Flown { plan: plan.clone(), report, seconds })
         })
         .collect()
