@@ -79,7 +79,7 @@ impl<G: Pose<N>, const N: usize> Pcm<G, N> {
             ends: Vec::new(),
             cliques: Incremental::new(budget),
         });
-        let before = set.accepted(self.params.minimum);
+        let before = set.cliques.best().vertices.clone();
         let mut ends = std::mem::take(&mut set.ends);
         ends.push(end);
         let test = PairTest::of_ends(&self.trajectories, robots, ends, self.limit);
@@ -89,8 +89,7 @@ impl<G: Pose<N>, const N: usize> Pcm<G, N> {
         set.members.push(index);
         set.cliques.insert(&neighbors)?;
         self.closures.push(*closure);
-        let after = set.accepted(self.params.minimum);
-        Ok(Change { accepted: without(&after, &before), withdrawn: without(&before, &after) })
+        Ok(set.change_from(&before, self.params.minimum))
     }
 
     /// Replaces a robot's trajectory, for example after an optimisation, and tests its closures anew.
@@ -127,13 +126,19 @@ fn without(all: &[usize], others: &[usize]) -> Vec<usize> {
 }
 
 impl<G, const N: usize> PairSet<G, N> {
-    /// Closures accepted, ascending.
-    fn accepted(&self, minimum: usize) -> Vec<usize> {
-        let vertices = &self.cliques.best().vertices;
-        if vertices.len() < minimum {
-            Vec::new()
-        } else {
-            vertices.iter().map(|&v| self.members[v]).collect()
+    /// What is accepted, and no longer, since the largest set was `before`.
+    fn change_from(&self, before: &[usize], minimum: usize) -> Change {
+        let after = &self.cliques.best().vertices;
+        if after == before {
+            return Change::default();
         }
+        let believed = |set: &[usize]| if set.len() < minimum { Vec::new() } else { self.names(set) };
+        let (before, after) = (believed(before), believed(after));
+        Change { accepted: without(&after, &before), withdrawn: without(&before, &after) }
+    }
+
+    /// Closures of vertices, both ascending.
+    fn names(&self, vertices: &[usize]) -> Vec<usize> {
+        vertices.iter().map(|&v| self.members[v]).collect()
     }
 }

@@ -44,7 +44,9 @@ fn precise_closures_two_to_one_have_the_odds_of_their_votes() {
     let params = GcmParams::default();
     let found = gcm(&trajectories, &closures, &[], &params).unwrap();
     let local = (1.0 - params.sound) * (1.0 - params.gross_share) * params.slip_share;
-    let odds = params.sound / (local * params.alpha);
+    // the share of sound votes under Beta(w π, w (1 - π)): two of three against one of three
+    let learnt = |share: f64| (params.sound_strength * share + 1.0) / (params.sound_strength * share);
+    let odds = params.sound * learnt(params.sound) / (local * learnt(1.0 - params.sound) * params.alpha);
     let expected = odds / (1.0 + odds);
     for (cluster, expected) in found.clusters.iter().zip([expected, expected, 1.0 - expected]) {
         let p = cluster.probability;

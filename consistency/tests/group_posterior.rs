@@ -164,8 +164,12 @@ fn online_without_hysteresis_equals_batch_at_every_prefix() {
 fn streamed_pcm_holds_a_largest_set_after_every_insert() {
     let team = team(&Harbor::default(), 4);
     let mut stream = Pcm::new(team.trajectories.clone(), PcmParams::default()).unwrap();
+    let mut told = std::collections::BTreeSet::new();
     for (index, closure) in team.closures.iter().enumerate() {
-        stream.insert(closure).unwrap();
+        let change = stream.insert(closure).unwrap();
+        assert!(change.withdrawn.iter().all(|c| told.remove(c)));
+        assert!(change.accepted.iter().all(|&c| told.insert(c)));
+        assert!(told.iter().eq(&stream.selection().accepted), "after {index}");
         if index % 10 == 0 || index + 1 == team.closures.len() {
             let batch = pcm(&team.trajectories, &team.closures[..=index], &PcmParams::default()).unwrap();
             assert_eq!(stream.selection().accepted.len(), batch.accepted.len());

@@ -164,13 +164,15 @@ pub fn register(
     if target.len().min(source.len()) < params.min_points {
         return Ok(None);
     }
-    let start = Start { target_from_source: *start, covariance: None };
-    let found = Target::new(target, &params.matching)?.locate(source, &start)?;
+    let locate = |params: &CorrelativeParams, around: &Isometry2<f64>| {
+        let start = Start { target_from_source: *around, covariance: None };
+        Target::for_source(target, params, source, around)?.locate(source, &start)
+    };
+    let found = locate(&params.matching, start)?;
     let passed =
         found.score >= params.min_score && found.far_ratio <= params.max_far_ratio && !found.at_border;
     let placed = if passed {
-        let around = Start { target_from_source: found.target_from_source, covariance: None };
-        Target::new(target, &params.refinement)?.locate(source, &around)?
+        locate(&params.refinement, &found.target_from_source)?
     } else {
         found
     };

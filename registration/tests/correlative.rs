@@ -201,3 +201,28 @@ fn a_map_that_looks_the_same_turned_around_has_two_modes() {
     let turn = modes[0].target_from_source.rotation.angle_to(&modes[1].target_from_source.rotation).abs();
     assert!((turn - std::f64::consts::PI).abs() < 0.05, "{turn}");
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn a_target_for_one_source_gives_the_same_answer(
+        seed in 0..1000u64, x in -40.0..40.0f64, y in -40.0..40.0f64, angle in -3.0..3.0f64, radius in 0.0..4.0f64,
+        turn in 0.0..0.5f64,
+    ) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let target = harbour(&mut rng, 6);
+        let source: Vec<_> = harbour(&mut rng, 6).into_iter().step_by(7).collect();
+        let pose = Isometry2::new([x, y].into(), angle);
+        let params = CorrelativeParams { radius, angle: turn, ..CorrelativeParams::default() };
+        let start = Start { target_from_source: pose, covariance: None };
+        let whole = Target::new(&target, &params).unwrap().locate(&source, &start).unwrap();
+        let part = Target::for_source(&target, &params, &source, &pose).unwrap().locate(&source, &start).unwrap();
+        // the places of points on the part are rounded otherwise than on the whole
+        prop_assert!((whole.score - part.score).abs() < 1e-5);
+        prop_assert!((whole.background - part.background).abs() < 1e-5);
+        prop_assert!((whole.far_ratio - part.far_ratio).abs() < 1e-3 || whole.score < 0.01);
+        let off = whole.target_from_source.minus(&part.target_from_source);
+        prop_assert!(off.norm() < 1e-3, "{}", off);
+        prop_assert!((whole.covariance - part.covariance).norm() < 1e-3 * whole.covariance.norm());
+    }
+}

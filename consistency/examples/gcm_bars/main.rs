@@ -40,6 +40,7 @@ fn set(params: &mut GcmParams, assignment: &str) -> Option<()> {
         "drift_most" => params.drift_most = value,
         "drift_doubt" => params.drift_doubt = value,
         "alpha" => params.alpha = value,
+        "alpha_across" => params.alpha_across = value,
         "elsewhere_share" => params.elsewhere_share = value,
         "spike" => params.spike.translation = value,
         "spike_rotation" => params.spike.rotation = value,

@@ -1,7 +1,7 @@
 //! Which candidates must be branched on: colouring, recolouring, propagation over the colour classes.
 
 use super::cores::{Cores, Fit};
-use super::rows::{Set, and, and_not, drop, empty, first, is_empty, put};
+use super::rows::{Set, and, and_not, drop, first, is_empty, put, stable};
 
 /// Scratch of [`Colours::branching`].
 pub(super) struct Colours<const W: usize> {
@@ -26,11 +26,7 @@ impl<const W: usize> Colours<W> {
             if is_empty(&rest) {
                 return rest;
             }
-            let (mut free, mut stable) = (rest, empty::<W>());
-            while let Some(v) = first(&free) {
-                free = and_not(&free, &adjacent[v]);
-                put(&mut stable, v);
-            }
+            let stable = stable(&rest, adjacent);
             rest = and_not(&rest, &stable);
             self.classes.push(stable);
         }

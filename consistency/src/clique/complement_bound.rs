@@ -1,6 +1,6 @@
 use std::ops::Range;
 
-use super::rows::{Set, and, and_not, count, drop, empty, first, is_empty, put};
+use super::rows::{Set, and, count, drop, first, is_empty};
 use crate::graph::bits::iter;
 
 /// Upper bound of the number of independent vertices: disjoint cliques hold one each, and fewer where they contradict
@@ -215,16 +215,15 @@ impl ComplementBound {
                 if is_empty(&common) {
                     continue;
                 }
-                let mut clique = empty::<W>();
-                put(&mut clique, v);
-                put(&mut clique, a);
+                self.members.extend([v as u32, a as u32]);
+                drop(rest, v);
+                drop(rest, a);
                 while let Some(b) = first(&common) {
-                    put(&mut clique, b);
+                    drop(rest, b);
+                    self.members.push(b as u32);
                     common = and(&common, &apart[b]);
                 }
-                *rest = and_not(rest, &clique);
                 todo = and(&todo, rest);
-                self.members.extend(iter(&clique).map(|u| u as u32));
                 self.close();
                 break;
             }

@@ -85,7 +85,7 @@ fn split<const W: usize>(root: State<W>, lower: isize, tools: &mut Tools<'_>) ->
         if is_empty(&part.alive) || part.component(&part.alive) != part.alive {
             parts.insert(largest, (part, false));
         } else if tools.bound(&part.apart, &part.alive, allowed) > allowed
-            && let Some(two) = part.branch()
+            && let Some(two) = tools.branch(part)
         {
             parts.splice(largest..largest, two.map(|part| (part, true)));
         }

@@ -41,6 +41,11 @@ impl<'a> Tools<'a> {
         self.arch.dispatch(Reduce { state });
     }
 
+    /// The two parts of [`State::branch`].
+    pub(super) fn branch<const W: usize>(&self, state: State<W>) -> Option<[State<W>; 2]> {
+        self.arch.dispatch(Branch { state })
+    }
+
     /// Upper bound of what `alive` adds; work stops once it is down to `target`.
     pub(super) fn bound<const W: usize>(&mut self, apart: &[Set<W>], alive: &Set<W>, target: isize) -> isize {
         self.arch.dispatch(Bound { scratch: &mut self.scratch, apart, alive, target })
@@ -57,6 +62,19 @@ impl<const W: usize> NullaryFnOnce for Reduce<'_, W> {
     #[inline(always)]
     fn call(self) {
         self.state.reduce();
+    }
+}
+
+struct Branch<const W: usize> {
+    state: State<W>,
+}
+
+impl<const W: usize> NullaryFnOnce for Branch<W> {
+    type Output = Option<[State<W>; 2]>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        self.state.branch()
     }
 }
 
@@ -104,7 +122,7 @@ pub(super) fn solve<const W: usize>(
         if part != state.alive {
             return solve_parts(state, part, lower, enough, tools).or(found);
         }
-        let Some([with, without]) = state.branch() else { return found };
+        let Some([with, without]) = tools.branch(state) else { return found };
         if let Some(log) = solve(with, lower, enough, tools) {
             lower = size_of(&log);
             found = Some(log);

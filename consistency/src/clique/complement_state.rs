@@ -242,6 +242,7 @@ impl<const W: usize> State<W> {
 
     /// The independent sets with a vertex of largest degree, and those without it and its mirrors; `None` if no two
     /// vertices are joined.
+    #[inline(always)]
     pub(super) fn branch(mut self) -> Option<[Self; 2]> {
         let v = self.largest_degree()?;
         let mut with = self.clone();

@@ -23,39 +23,38 @@ pub(super) fn heavier(
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
     let order = order_above(matrix, weights, lower);
-    let own = pick(weights, &order);
-    if own.iter().sum::<u64>() <= lower {
-        return None;
-    }
-    let found = in_order(matrix.select(&order), own, lower, enough, meter)?;
+    let found = heavier_in_order(&matrix.select(&order), &pick(weights, &order), lower, enough, meter)?;
     Some(found.into_iter().map(|v| order[v]).collect())
 }
 
 /// The same for vertices in the order of colouring.
-fn in_order(
-    matrix: BitMatrix,
-    weights: Vec<u64>,
+pub(super) fn heavier_in_order(
+    matrix: &BitMatrix,
+    weights: &[u64],
     lower: u64,
     enough: u64,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
+    if weights.iter().sum::<u64>() <= lower {
+        return None;
+    }
     let n = matrix.len();
-    let start = extend(&matrix, 0..n);
-    let dense = density(&matrix) > DENSE;
+    let start = extend(matrix, 0..n);
+    let dense = density(matrix) > DENSE;
     let moves = if dense { LOCAL_MOVES } else { EASY_MOVES.min(n * n / 8) };
-    let steps = (LOCAL_STEPS * n).min(moves / (1 + missing_degree(&matrix) as usize));
-    let start = local_search::improve(&matrix.apart_all(), &weights, &start, steps, enough);
+    let steps = (LOCAL_STEPS * n).min(moves / (1 + missing_degree(matrix) as usize));
+    let start = local_search::improve(&matrix.apart_all(), weights, &start, steps, enough);
     let weight: u64 = start.iter().map(|&v| weights[v]).sum();
     if weight >= enough {
         return Some(start);
     }
     let (best, lower) = if weight > lower { (Some(start), weight) } else { (None, lower) };
-    let ordered = !dense || through_complement(&matrix, &weights);
-    if ordered && (0..n).all(matters(&matrix, &weights, lower)) {
-        return exactly(&matrix, &weights, lower, enough, meter).or(best);
+    let ordered = !dense || through_complement(matrix, weights);
+    if ordered && (0..n).all(matters(matrix, weights, lower)) {
+        return exactly(matrix, weights, lower, enough, meter).or(best);
     }
-    let kept = order_above(&matrix, &weights, lower);
-    let found = exactly(&matrix.select(&kept), &pick(&weights, &kept), lower, enough, meter);
+    let kept = order_above(matrix, weights, lower);
+    let found = exactly(&matrix.select(&kept), &pick(weights, &kept), lower, enough, meter);
     found.map(|clique| clique.into_iter().map(|v| kept[v]).collect()).or(best)
 }
 
@@ -80,17 +79,17 @@ pub(super) fn heavier_at_once(
     Some(found.into_iter().map(|v| order[v]).collect())
 }
 
-/// The same for a near-clique, counted, given by its complement, in which `start` nearly suffices.
+/// The same for a near-clique, counted, given by its complement, where what `start` makes nearly suffices.
 pub(super) fn larger_near(
     apart: &Apart,
-    start: &[usize],
+    start: &dyn Fn() -> Vec<usize>,
     lower: usize,
     enough: usize,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
     let hint = || {
         let (ones, steps) = (vec![1; apart.len()], NEAR_STEPS * apart.len());
-        let better = local_search::improve(apart, &ones, start, steps, enough as u64);
+        let better = local_search::improve(apart, &ones, &start(), steps, enough as u64);
         (better.len() >= enough).then_some(better)
     };
     sparse_complement(apart, lower, enough, &hint, meter)
@@ -120,30 +119,6 @@ fn exactly(
 /// Whether a graph is searched through its complement, where the order of its vertices does not matter.
 fn through_complement(matrix: &BitMatrix, weights: &[u64]) -> bool {
     missing_degree(matrix) <= SPARSE_COMPLEMENT && counts(weights)
-}
-
-/// A clique of more than `lower` vertices: the largest, or one of at least `enough`; or `None`.
-pub(super) fn larger(
-    matrix: &BitMatrix,
-    lower: usize,
-    enough: usize,
-    meter: &mut Meter,
-) -> Option<Vec<usize>> {
-    heavier(matrix, &vec![1; matrix.len()], lower as u64, enough as u64, meter)
-}
-
-/// The same for vertices in the order of colouring.
-pub(super) fn larger_in_order(
-    matrix: BitMatrix,
-    lower: usize,
-    enough: usize,
-    meter: &mut Meter,
-) -> Option<Vec<usize>> {
-    if matrix.len() <= lower {
-        return None;
-    }
-    let ones = vec![1; matrix.len()];
-    in_order(matrix, ones, lower as u64, enough as u64, meter)
 }
 
 /// Upper bound of the weight of a clique, by colouring alone.

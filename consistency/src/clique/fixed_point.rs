@@ -11,9 +11,6 @@ pub(super) struct FixedPoint {
 const TOTAL_BITS: i32 = 52;
 
 impl FixedPoint {
-    /// Weights are small integers as they are.
-    pub(super) const ONE: Self = Self { exponent: 0 };
-
     pub(super) fn for_weights(weights: impl Iterator<Item = f64>) -> Self {
         let (largest, count) = weights.fold((0.0f64, 0usize), |(m, n), w| (m.max(w), n + 1));
         let bits = |x: f64| if x > 0.0 { x.log2().floor() as i32 + 1 } else { 0 };

@@ -148,9 +148,8 @@ impl Growing {
         } else {
             // Most vertices have too few neighbours for a larger clique.
             let few = self.counted && fixed.iter().any(|&f| self.degree[f] < self.best.vertices.len());
-            let all = (!few).then(|| self.graph.neighbors(fixed[0])).into_iter().flatten();
-            let around = all.filter(|u| !fixed.contains(u) && joined(u));
-            let better = self.within(around.collect(), fixed, upper, &mut meter);
+            let around = if few { Vec::new() } else { self.around(fixed) };
+            let better = self.within(around, fixed, upper, &mut meter);
             self.settle(better);
         }
         self.bound(if was_optimal && !meter.stopped { self.best.value } else { upper }, &meter);
@@ -167,52 +166,95 @@ impl Growing {
         self.bound(if meter.stopped { upper } else { self.best.value }, &meter);
     }
 
-    /// A clique heavier than the best one: `fixed`, and others out of `among`, which are joined to all of those.
+    /// The vertices that are joined to all of `fixed`, ascending.
+    fn around(&self, fixed: &[usize]) -> Vec<usize> {
+        let mut common = self.graph.row(fixed[0]).to_vec();
+        for &f in &fixed[1..] {
+            common.iter_mut().zip(self.graph.row(f)).for_each(|(word, row)| *word &= row);
+        }
+        bits::iter(&common).collect()
+    }
+
+    /// A clique better than the best one: `fixed`, and others out of `among`, which are joined to all of those.
     fn within(
         &self,
-        mut among: Vec<usize>,
+        among: Vec<usize>,
         fixed: &[usize],
         upper: f64,
         meter: &mut Meter,
     ) -> Option<Vec<usize>> {
-        let scale = if self.counted { FixedPoint::ONE } else { self.scale() };
-        let integer = |v: usize| scale.to_integer(self.graph.weight(v));
-        let weigh = |vertices: &[usize]| vertices.iter().map(|&v| integer(v)).sum::<u64>();
-        let (known, own) = (weigh(&self.best.vertices), weigh(fixed));
-        let lower = known.saturating_sub(own);
-        let enough = if self.counted { (upper as u64).saturating_sub(own).max(1) } else { NO_LIMIT };
         if self.counted {
-            self.thin(&mut among, fixed.len(), lower as usize);
+            self.larger_within(among, fixed, upper as usize, meter)
         } else {
-            self.thin_weighed(&mut among, integer, lower);
+            self.heavier_within(among, fixed, meter)
         }
-        let weights: Vec<u64> = among.iter().map(|&v| integer(v)).collect();
-        let found = if weights.iter().sum::<u64>() <= lower {
+    }
+
+    /// The same where vertices are counted; no clique has more than `upper`.
+    fn larger_within(
+        &self,
+        mut among: Vec<usize>,
+        fixed: &[usize],
+        upper: usize,
+        meter: &mut Meter,
+    ) -> Option<Vec<usize>> {
+        let (known, own) = (self.best.vertices.len(), fixed.len());
+        let lower = known.saturating_sub(own);
+        let enough = upper.saturating_sub(own).max(1);
+        let ends = self.thin(&mut among, own, lower);
+        let n = among.len();
+        let found = if n <= lower {
             None
-        } else if self.counted && dense::is_near_clique(among.len(), self.graph.matrix().missing(&among)) {
+        } else if dense::is_near_clique(n, (n * (n - 1) - ends) / 2) {
             let inside = |v: &usize| among.binary_search(v).ok();
-            let start: Vec<usize> = self.best.vertices.iter().filter_map(inside).collect();
-            let apart = self.graph.matrix().apart(&among);
-            dense::larger_near(&apart, &start, lower as usize, enough as usize, meter)
+            let start = || self.best.vertices.iter().filter_map(inside).collect();
+            dense::larger_near(&self.graph.matrix().apart(&among), &start, lower, enough, meter)
         } else {
             let matrix = self.graph.matrix().select(&among);
-            dense::heavier_at_once(&matrix, &weights, lower, enough, meter)
+            dense::heavier_at_once(&matrix, &vec![1; n], lower as u64, enough as u64, meter)
         };
         match found {
-            Some(found) => Some(found.into_iter().map(|u| among[u]).chain(fixed.iter().copied()).collect()),
+            Some(found) => Some(named(&found, &among, fixed)),
             None => (own > known).then(|| fixed.to_vec()),
         }
     }
 
-    /// Takes vertices out of `among`, all joined to `fixed` others, that are joined to fewer than `lower` of it.
-    fn thin(&self, among: &mut Vec<usize>, fixed: usize, lower: usize) {
+    /// The same where vertices are weighed.
+    fn heavier_within(
+        &self,
+        mut among: Vec<usize>,
+        fixed: &[usize],
+        meter: &mut Meter,
+    ) -> Option<Vec<usize>> {
+        let scale = FixedPoint::for_weights((0..self.graph.len()).map(|v| self.graph.weight(v)));
+        let integer = |v: usize| scale.to_integer(self.graph.weight(v));
+        let weigh = |vertices: &[usize]| vertices.iter().map(|&v| integer(v)).sum::<u64>();
+        let (known, own) = (weigh(&self.best.vertices), weigh(fixed));
+        let lower = known.saturating_sub(own);
+        self.thin_weighed(&mut among, integer, lower);
+        let weights: Vec<u64> = among.iter().map(|&v| integer(v)).collect();
+        let found = if weights.iter().sum::<u64>() > lower {
+            let matrix = self.graph.matrix().select(&among);
+            dense::heavier_at_once(&matrix, &weights, lower, NO_LIMIT, meter)
+        } else {
+            None
+        };
+        match found {
+            Some(found) => Some(named(&found, &among, fixed)),
+            None => (own > known).then(|| fixed.to_vec()),
+        }
+    }
+
+    /// Takes vertices out of `among`, all joined to `fixed` others, that are joined to fewer than `lower` of it. Returns
+    /// the number of ends of edges among the rest.
+    fn thin(&self, among: &mut Vec<usize>, fixed: usize, lower: usize) -> usize {
         // Most vertices have too few neighbours altogether.
         among.retain(|&v| self.degree[v] >= lower + fixed);
-        if among.len() > lower {
-            self.arch.dispatch(Thin { graph: &self.graph, among, lower });
-        } else {
+        if among.len() <= lower {
             among.clear();
+            return 0;
         }
+        self.arch.dispatch(Thin { graph: &self.graph, among, lower })
     }
 
     /// Takes vertices out of `among` that are joined to too little weight in it for a clique heavier than `lower`.
@@ -233,17 +275,13 @@ impl Growing {
         }
     }
 
-    fn scale(&self) -> FixedPoint {
-        FixedPoint::for_weights((0..self.graph.len()).map(|v| self.graph.weight(v)))
-    }
-
     fn settle(&mut self, better: Option<Vec<usize>>) {
         if let Some(mut vertices) = better {
             vertices.sort_unstable();
             assert!(self.graph.is_clique(&vertices), "the set found is not a clique");
+            self.best.value = self.graph.total_weight(&vertices);
             self.best.vertices = vertices;
         }
-        self.best.value = self.graph.total_weight(&self.best.vertices);
     }
 
     fn bound(&mut self, upper: f64, meter: &Meter) {
@@ -260,13 +298,19 @@ impl Growing {
     }
 }
 
+/// A set found in a part of a graph by its own names, and `fixed`.
+fn named(found: &[usize], part: &[usize], fixed: &[usize]) -> Vec<usize> {
+    found.iter().map(|&u| part[u]).chain(fixed.iter().copied()).collect()
+}
+
 fn set_of(graph: &Graph, vertices: &[usize]) -> Vec<u64> {
     let mut set = vec![0; graph.matrix().words()];
     vertices.iter().for_each(|&v| bits::insert(&mut set, v));
     set
 }
 
-/// Takes vertices out of `among` that are joined to fewer than `lower` of it, until none is left.
+/// Takes vertices out of `among` that are joined to fewer than `lower` of it, until none is left; returns the number
+/// of ends of edges among those that stay.
 struct Thin<'a> {
     graph: &'a Graph,
     among: &'a mut Vec<usize>,
@@ -274,26 +318,35 @@ struct Thin<'a> {
 }
 
 impl NullaryFnOnce for Thin<'_> {
-    type Output = ();
+    type Output = usize;
 
     #[inline(always)]
-    fn call(self) {
+    fn call(self) -> usize {
         let Self { graph, among, lower } = self;
         let mut open = set_of(graph, among);
-        let mut before = usize::MAX;
+        let (mut before, mut ends) = (usize::MAX, 0);
         while among.len() < before {
             before = among.len();
-            among.retain(|&v| {
+            ends = 0;
+            // A plain loop: the closure of `retain` would not get the instructions that count bits.
+            let mut kept = 0;
+            for i in 0..before {
+                let v = among[i];
                 let row = graph.row(v).iter().zip(&open);
-                let keep = row.map(|(row, open)| (row & open).count_ones() as usize).sum::<usize>() >= lower;
-                if !keep {
+                let near = row.map(|(row, open)| (row & open).count_ones() as usize).sum::<usize>();
+                if near >= lower {
+                    among[kept] = v;
+                    kept += 1;
+                    ends += near;
+                } else {
                     bits::remove(&mut open, v);
                 }
-                keep
-            });
+            }
+            among.truncate(kept);
             if among.len() <= lower {
                 among.clear();
             }
         }
+        ends
     }
 }

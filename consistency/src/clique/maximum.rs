@@ -65,7 +65,8 @@ fn larger<A: Adjacency>(
 ) -> Option<Vec<usize>> {
     let kept: Vec<usize> = cores.order.iter().rev().copied().filter(|&v| cores.core[v] >= lower).collect();
     if kept.len() <= DENSE_LIMIT {
-        let found = dense::larger_in_order(BitMatrix::induced(graph, &kept), lower, enough, meter)?;
+        let (matrix, ones) = (BitMatrix::induced(graph, &kept), vec![1; kept.len()]);
+        let found = dense::heavier_in_order(&matrix, &ones, lower as u64, enough as u64, meter)?;
         return Some(found.into_iter().map(|v| kept[v]).collect());
     }
     // Too large for one search: each vertex with those that come later in the degeneracy order.
@@ -81,7 +82,8 @@ fn larger<A: Adjacency>(
         }
         let rest = known.saturating_sub(1);
         let found = if around.len() <= DENSE_LIMIT {
-            dense::larger(&later.matrix(&around), rest, enough - 1, meter)
+            let ones = vec![1; around.len()];
+            dense::heavier(&later.matrix(&around), &ones, rest as u64, enough as u64 - 1, meter)
         } else if later.is_dense(&around) {
             let part = later.matrix(&around);
             let cores = degeneracy_while(&part, || meter.look());

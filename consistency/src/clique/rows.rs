@@ -38,12 +38,23 @@ pub(super) fn full<const W: usize>(n: usize) -> Set<W> {
 /// Whether a set, known not to be empty, has one member.
 #[inline(always)]
 pub(super) fn is_single<const W: usize>(set: &Set<W>) -> bool {
-    let (mut seen, mut more) = (false, false);
-    for &word in set {
-        more |= (seen && word != 0) || word & word.wrapping_sub(1) != 0;
-        seen |= word != 0;
+    let words = set.iter().map(|&word| u64::from(word != 0)).sum::<u64>();
+    words == 1 && set.iter().fold(0, |more, word| more | word & word.wrapping_sub(1)) == 0
+}
+
+/// The vertices that are taken when each in turn is, unless it is joined to one taken before; `adjacent` rows hold their
+/// own vertex too.
+#[inline(always)]
+pub(super) fn stable<const W: usize>(candidates: &Set<W>, adjacent: &[Set<W>]) -> Set<W> {
+    let (mut free, mut stable) = (*candidates, empty::<W>());
+    for block in 0..W {
+        while free[block] != 0 {
+            let bit = free[block].trailing_zeros() as usize;
+            stable[block] |= 1 << bit;
+            free = and_not(&free, &adjacent[64 * block + bit]);
+        }
     }
-    !more
+    stable
 }
 
 #[inline(always)]

@@ -28,7 +28,6 @@ pub(crate) struct Hypothesis<const N: usize> {
     /// The score without slips that are too short to be any: what the posterior is made of.
     pub(crate) weight: f64,
     pub(crate) states: Vec<State>,
-    slip_counts: Vec<u32>,
     sound_counts: SoundCounts,
     rows: Vec<Rc<Row<N>>>,
     slips: Vec<Slip<N>>,
@@ -105,7 +104,6 @@ pub(crate) fn search<const N: usize, G: Pose<N>>(
         score: 0.0,
         weight: 0.0,
         states: Vec::new(),
-        slip_counts: Vec::new(),
         sound_counts: SoundCounts::default(),
         rows: Vec::new(),
         slips: Vec::new(),
@@ -248,10 +246,11 @@ impl<const N: usize> Hypothesis<N> {
                 push(State::BadPrior, (1.0 - params.prior_sound).ln(), covariance + bad, residual);
             }
             Kind::Cluster { single, spike, yaw, gross, elsewhere, neighbor, .. } => {
+                let slip_counts = self.slip_counts(votes, t);
                 let prior = StatePrior::new(
                     params,
                     *single,
-                    &self.slip_counts,
+                    &slip_counts,
                     &self.sound_counts,
                     neighbor.map(|(v, k)| (self.states[v], k)),
                 );
@@ -266,10 +265,21 @@ impl<const N: usize> Hypothesis<N> {
                     let shared = slipped + slip.covariance + cross + cross.transpose();
                     push(state, prior.log(state), shared, &(residual - slip.mean));
                 }
-                let fresh = State::Slip(self.slip_counts.len() as u16);
+                let fresh = State::Slip(self.slips.len() as u16);
                 push(fresh, prior.log(fresh), slipped + votes.slip, residual);
             }
         }
+    }
+
+    /// How many votes so far of the robot pair of vote `t` have each slip.
+    fn slip_counts(&self, votes: &Votes<N>, t: usize) -> Vec<u32> {
+        let mut counts = vec![0; self.slips.len()];
+        for (vote, state) in votes.list.iter().zip(&self.states) {
+            if let (State::Slip(j), true) = (state, vote.robots == votes.list[t].robots) {
+                counts[usize::from(*j)] += 1;
+            }
+        }
+        counts
     }
 
     /// The hypothesis with one more vote; `base` is its row and its covariance with the slips before its state.
@@ -284,7 +294,6 @@ impl<const N: usize> Hypothesis<N> {
             score: child.score,
             weight: child.score,
             states: self.states.clone(),
-            slip_counts: self.slip_counts.clone(),
             sound_counts: self.sound_counts,
             rows: Vec::with_capacity(t + 1),
             slips: self.slips.clone(),
@@ -297,13 +306,11 @@ impl<const N: usize> Hypothesis<N> {
         if let State::Slip(joined) = child.state {
             let joined = usize::from(joined);
             if joined == next.slips.len() {
-                next.slip_counts.push(0);
                 next.slips.push(Slip { mean: SVector::zeros(), covariance: votes.slip });
                 columns.push(votes.slip);
             } else {
                 self.join(joined, &mut w, &mut columns);
             }
-            next.slip_counts[joined] += 1;
         }
         for (slip, column) in next.slips.iter_mut().zip(&mut columns) {
             child.diagonal.solve_lower_triangular_mut(column);
@@ -395,6 +402,7 @@ pub(crate) struct StatePrior<'a> {
     sound: f64,
     gross: f64,
     params: &'a GcmParams,
+    /// Of the same robot pair.
     slip_counts: &'a [u32],
     neighbor: Option<(State, f64)>,
 }
@@ -428,10 +436,12 @@ impl<'a> StatePrior<'a> {
             State::Slip(j) => {
                 // Pitman-Yor with discount 1 - α: whatever the order, slips that repeat make repetition likelier
                 let discount = 1.0 - self.params.alpha;
+                let distinct = self.slip_counts.iter().filter(|count| **count > 0).count() as f64;
+                let new = if slips == 0 { 1.0 } else { discount * distinct / f64::from(slips) };
                 let step = match self.slip_counts.get(usize::from(j)) {
+                    Some(0) => self.params.alpha_across * new,
                     Some(&count) => (f64::from(count) - discount) / f64::from(slips),
-                    None if slips == 0 => 1.0,
-                    None => discount * self.slip_counts.len() as f64 / f64::from(slips),
+                    None => new,
                 };
                 local * self.params.slip_share * step
             }

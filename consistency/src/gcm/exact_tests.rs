@@ -88,19 +88,24 @@ fn log_prior(votes: &Votes<3>, params: &GcmParams, states: &[State]) -> f64 {
         };
         let weight = params.sound_strength;
         let sound = (weight * share + earlier(&|s| s == State::Good)) / (weight + earlier(&|_| true));
-        let slips = states[..t].iter().filter(|s| matches!(s, State::Slip(_))).count() as f64;
-        let same = states[..t].iter().filter(|s| **s == states[t]).count() as f64;
+        let of_pair: Vec<State> =
+            (0..t).filter(|&s| votes.list[s].robots == vote.robots).map(|s| states[s]).collect();
+        let slips: Vec<State> = of_pair.into_iter().filter(|s| matches!(s, State::Slip(_))).collect();
+        let same = slips.iter().filter(|s| **s == states[t]).count() as f64;
+        let distinct = slips.iter().collect::<std::collections::BTreeSet<_>>().len() as f64;
+        let slips = slips.len() as f64;
+        let elsewhere = states[..t].contains(&states[t]);
         let slipped = (1.0 - sound) * (1.0 - gross);
         let own = match states[t] {
             State::Good => sound,
             State::Gross => (1.0 - sound) * gross * (1.0 - params.elsewhere_share),
             State::Elsewhere => (1.0 - sound) * gross * params.elsewhere_share,
             State::YawSlip => slipped * (1.0 - params.slip_share),
-            State::Slip(_) if slips == 0.0 => slipped * params.slip_share,
-            State::Slip(j) if same == 0.0 => {
-                slipped * params.slip_share * (1.0 - params.alpha) * f64::from(j) / slips
+            State::Slip(_) if same > 0.0 => slipped * params.slip_share * (same - 1.0 + params.alpha) / slips,
+            State::Slip(_) => {
+                let new = if slips == 0.0 { 1.0 } else { (1.0 - params.alpha) * distinct / slips };
+                slipped * params.slip_share * new * if elsewhere { params.alpha_across } else { 1.0 }
             }
-            State::Slip(_) => slipped * params.slip_share * (same - 1.0 + params.alpha) / slips,
             State::BadPrior => 0.0,
         };
         let (tied, kappa) =

@@ -20,9 +20,10 @@
 //!
 //! * **good** (π): `β ~ N(0, S_b)`, a narrow spike;
 //! * **slip** ((1-π)(1-p_O) p_T): a shift `τ ~ N(0, S_T)` in the common frame. Slips are *shared*: a further slipped
-//!   group repeats an earlier slip `t` with probability `(n_t - 1 + α) / Σ n` (a Pitman-Yor process, so the order does
-//!   not matter and slips that repeat make repetition likelier); equal slips are no proof of truth. A slip is no
-//!   shorter than `least_slip`: what the normal gives to shorter ones is taken back from each hypothesis;
+//!   group of a robot pair repeats the pair's earlier slip `t` with probability `(n_t - 1 + α) / Σ n` (a Pitman-Yor
+//!   process, so the order does not matter and slips that repeat make repetition likelier); equal slips are no proof of
+//!   truth. A slip new to the pair is a given one of another pair with `χ` times the weight of one never seen. A slip is
+//!   no shorter than `least_slip`: what the normal gives to shorter ones is taken back from each hypothesis;
 //! * **yaw slip** ((1-π)(1-p_O)(1-p_T)): `β ~ N(0, S_Y)` about its place;
 //! * **gross** ((1-π) p_O (1-p_E)): `β ~ N(0, S_O)`;
 //! * **elsewhere** ((1-π) p_O p_E): `β ~ N(0, S_E)`, a wrong place, so wide that it does not pull at the map transform.

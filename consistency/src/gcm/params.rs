@@ -59,9 +59,12 @@ pub struct GcmParams {
     pub gross_share: f64,
     /// The same of lone closures; default 0.50.
     pub gross_share_single: f64,
-    /// α, probability that a second slip repeats the first; default 0.25. Slips that do repeat raise it for the next. Raise it (0.6) in lattices known to
-    /// alias.
+    /// α, probability that a second slip between two robots repeats their first; default 0.35. Slips that do repeat raise it
+    /// for the next. Raise it (0.9) in lattices known to alias.
     pub alpha: f64,
+    /// χ, odds that a slip new to a robot pair is a given one of another pair rather than one never seen; default 0.05: other
+    /// pairs start from other errors and meet in other places.
+    pub alpha_across: f64,
     /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
     pub spike: Sigma,
     /// `S_T`: translation slip, in the common map frame; default 4 m, 0.015 rad: spacings of 2 to 6 m, and what repeats
@@ -119,7 +122,8 @@ impl Default for GcmParams {
             slip_share: 0.90,
             gross_share: 0.03,
             gross_share_single: 0.50,
-            alpha: 0.25,
+            alpha: 0.35,
+            alpha_across: 0.05,
             spike: Sigma::new(0.1, 0.005),
             slip: Sigma::new(4.0, 0.015),
             least_slip: 0.75,
@@ -143,10 +147,10 @@ impl Default for GcmParams {
 }
 
 impl GcmParams {
-    /// Accepts from 0.95 on and thinks repeated slips likelier (`alpha` 0.6): for systems where one wrong merge is worse
-    /// than many late ones.
+    /// Accepts from 0.95 on and thinks repeated slips likelier (`alpha` 0.6), between whichever robots (`alpha_across` 1):
+    /// for systems where one wrong merge is worse than many late ones.
     pub fn strict() -> Self {
-        Self { accept: 0.95, alpha: 0.6, ..Self::default() }
+        Self { accept: 0.95, alpha: 0.6, alpha_across: 1.0, ..Self::default() }
     }
 
     /// Accepts the more probable side and leaves nothing undecided: for systems that must merge. Its error is the
@@ -170,6 +174,7 @@ impl GcmParams {
             ("gross_share", open(self.gross_share)),
             ("gross_share_single", open(self.gross_share_single)),
             ("alpha", open(self.alpha)),
+            ("alpha_across", self.alpha_across > 0.0 && self.alpha_across.is_finite()),
             ("elsewhere_share", open(self.elsewhere_share)),
             ("prior_sound", open(self.prior_sound)),
             ("probability", open(self.probability)),

@@ -20,7 +20,8 @@ pub fn read_dimacs(path: &Path) -> Result<SparseGraph, Error> {
 /// [`Error::Parse`] with the line: no `p` line or two, an unknown line type, numbers out of range, a self loop.
 pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
     let mut vertices = None;
-    let mut edges = Vec::new();
+    let mut arcs = Vec::new();
+    let mut join = |u: usize, v: usize| arcs.extend([(u as u32, v as u32), (v as u32, u as u32)]);
     let mut weights: Vec<(usize, f64)> = Vec::new();
     let (mut at, mut line) = (0, 0);
     while at < text.len() {
@@ -31,7 +32,7 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
             && (1..=n).contains(&u)
             && (1..=n).contains(&v)
         {
-            edges.push((u - 1, v - 1));
+            join(u - 1, v - 1);
             at += length;
             continue;
         }
@@ -58,7 +59,7 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
                     if u == v {
                         return Err(fail(&format!("vertex {} has an edge to itself", u + 1)));
                     }
-                    edges.push((u, v));
+                    join(u, v);
                 } else {
                     let weight = words.next().and_then(|w| w.parse::<f64>().ok());
                     match weight.filter(|w| w.is_finite() && *w >= 0.0) {
@@ -72,10 +73,9 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
     }
     let n =
         vertices.ok_or_else(|| Error::Parse { line: text.lines().count(), reason: "no `p` line".into() })?;
-    let graph = SparseGraph::from_edges(n, edges)?;
     let mut all = vec![1.0; n];
     weights.into_iter().for_each(|(v, weight)| all[v] = weight);
-    graph.with_weights(&all)
+    Ok(SparseGraph::from_arcs(&arcs, all))
 }
 
 /// The numbers of a plain line `e u v` at the front of `text`, and the length of that line with its end.
@@ -91,15 +91,20 @@ fn edge(text: &[u8]) -> Option<(usize, usize, usize)> {
 /// The decimal number at `at`, which moves behind it; `None` if there is none, or a long one.
 fn decimal(text: &[u8], at: &mut usize) -> Option<usize> {
     const DIGITS: usize = 9;
-    let (mut value, start) = (0, *at);
-    while let Some(digit) = text.get(*at).filter(|byte| byte.is_ascii_digit()) {
-        value = 10 * value + usize::from(digit - b'0');
-        *at += 1;
-        if *at - start > DIGITS {
+    let (mut value, mut length) = (0, 0);
+    for byte in text.get(*at..)? {
+        let digit = byte.wrapping_sub(b'0');
+        if digit > 9 {
+            break;
+        }
+        if length == DIGITS {
             return None;
         }
+        value = 10 * value + u32::from(digit);
+        length += 1;
     }
-    (*at > start).then_some(value)
+    *at += length;
+    (length > 0).then_some(value as usize)
 }
 
 /// Largest number of vertices a file may declare: a hostile header must not exhaust the memory.

@@ -1,4 +1,4 @@
-use super::Adjacency;
+use super::{Adjacency, bits};
 use crate::Error;
 
 /// Undirected graph as sorted neighbour lists and a weight a vertex; memory `O(n + m)`.
@@ -39,8 +39,11 @@ impl SparseGraph {
     }
 
     /// From both directions of edges known to be sound.
-    fn from_arcs(arcs: &[(u32, u32)], weights: Vec<f64>) -> Self {
+    pub(super) fn from_arcs(arcs: &[(u32, u32)], weights: Vec<f64>) -> Self {
         let n = weights.len();
+        if n.saturating_mul(n) <= BITS_AN_ARC * arcs.len() {
+            return Self::from_many_arcs(arcs, weights);
+        }
         let bounds = starts(n, arcs.iter().map(|arc| arc.0));
         let (mut place, mut lists) = (bounds.clone(), vec![0; arcs.len()]);
         for &(a, b) in arcs {
@@ -67,6 +70,19 @@ impl SparseGraph {
             starts[v + 1] = kept;
         }
         neighbors.truncate(kept);
+        Self { starts, neighbors, weights }
+    }
+
+    /// The same by way of bit rows, which need no more memory than the arcs.
+    fn from_many_arcs(arcs: &[(u32, u32)], weights: Vec<f64>) -> Self {
+        let words = bits::words_for(weights.len());
+        let mut rows = vec![0; weights.len() * words];
+        arcs.iter().for_each(|&(a, b)| bits::insert(&mut rows[a as usize * words..], b as usize));
+        let (mut starts, mut neighbors) = (vec![0], Vec::with_capacity(arcs.len()));
+        for row in rows.chunks_exact(words.max(1)) {
+            neighbors.extend(bits::iter(row).map(|v| v as u32));
+            starts.push(neighbors.len());
+        }
         Self { starts, neighbors, weights }
     }
 
@@ -98,6 +114,9 @@ impl SparseGraph {
         if vertex < self.len() { &self.neighbors[self.starts[vertex]..self.starts[vertex + 1]] } else { &[] }
     }
 }
+
+/// Bits that an arc takes.
+const BITS_AN_ARC: usize = 64;
 
 /// Where the elements of each key begin when they are sorted, and the end.
 fn starts(keys: usize, elements: impl Iterator<Item = u32>) -> Vec<usize> {
@@ -147,6 +166,18 @@ mod tests {
         assert_eq!(graph.edge_count(), 2);
         assert_eq!(graph.neighbors(1).collect::<Vec<_>>(), [0, 2]);
         assert!(graph.has_edge(2, 1) && !graph.has_edge(0, 2) && !graph.has_edge(9, 0));
+    }
+
+    #[test]
+    fn many_and_few_arcs_make_the_same_lists() {
+        for n in [1, 2, 63, 64, 65, 200] {
+            let edges = (0..n).flat_map(|a| (0..a).map(move |b| (a, b)).filter(|(a, b)| a * b % 3 != 1));
+            let dense = SparseGraph::from_edges(n, edges.clone()).unwrap();
+            // Vertices without edges are what makes it sparse.
+            let sparse = SparseGraph::from_edges(20 * n + 2000, edges).unwrap();
+            assert_eq!(dense.edge_count(), sparse.edge_count());
+            assert!((0..n).all(|v| dense.list(v) == sparse.list(v)), "{n}");
+        }
     }
 
     #[test]

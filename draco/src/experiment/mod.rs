@@ -8,6 +8,7 @@ mod chaos;
 mod dynamic;
 mod figure;
 mod loss;
+mod maps;
 mod missions;
 mod overlap;
 mod pairs;

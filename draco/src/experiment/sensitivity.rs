@@ -86,6 +86,7 @@ const KNOBS: &[Knob] = &[
     ("closure.max_residual_angle", |p, f| p.closure.max_residual_angle *= f),
     ("closure.max_residual_sigmas", |p, f| p.closure.max_residual_sigmas *= f),
     ("exchange.map_interval", |p, f| count(&mut p.exchange.map_interval, f)),
+    ("exchange.object_interval", |p, f| count(&mut p.exchange.object_interval, f)),
 ];
 
 fn count(value: &mut usize, factor: f64) {

@@ -16,7 +16,8 @@ use crate::transport::Refusal;
 pub(super) struct Outbox {
     factors: BTreeMap<(u32, u32), FactorEntry>,
     keyframes: usize,
-    map_keyframes: usize,
+    cell_keyframes: usize,
+    object_keyframes: usize,
     maps: SentMaps,
     closures: BTreeSet<(KeyframeId, KeyframeId)>,
     /// Keyframes to ask a partner for.
@@ -71,7 +72,7 @@ impl Robot {
             Message::MapRequest => {
                 if is_for_me {
                     self.outbox.maps.forget();
-                    self.outbox.map_keyframes = 0;
+                    (self.outbox.cell_keyframes, self.outbox.object_keyframes) = (0, 0);
                 }
             }
         }
@@ -138,20 +139,25 @@ impl Robot {
         Ok(Some(Message::Graph(GraphUpdate { keyframes: keyframes as u32, factors, removed })))
     }
 
-    /// Cells and objects, when the map has grown enough since the last time.
+    /// Cells and objects, each when the map has grown enough since the last time.
     fn map_messages(&mut self) -> Result<Vec<Message>, Error> {
+        let exchange = self.params.exchange.clone();
         let keyframes = self.local.poses().len();
-        if keyframes < self.outbox.map_keyframes + self.params.exchange.map_interval {
-            return Ok(Vec::new());
+        let mut messages = Vec::new();
+        if keyframes >= self.outbox.cell_keyframes + exchange.map_interval {
+            self.outbox.cell_keyframes = keyframes;
+            let cells = self.cell_map();
+            messages.push(Message::Cells(self.outbox.maps.cell_update(&cells)));
         }
-        self.outbox.map_keyframes = keyframes;
-        let mut objects = self.object_map()?;
-        self.tracks.update(&mut objects);
-        let cells = self.cell_map();
-        let resend_m = self.params.exchange.object_resend_m;
-        let maps = &mut self.outbox.maps;
-        let (cells, objects) = (maps.cell_update(&cells), maps.object_update(&objects, resend_m));
-        Ok(vec![Message::Cells(cells), Message::Objects(objects)])
+        if keyframes >= self.outbox.object_keyframes + exchange.object_interval {
+            self.outbox.object_keyframes = keyframes;
+            let mut objects = self.object_map()?;
+            self.tracks.update(&mut objects);
+            messages.extend(
+                self.outbox.maps.object_update(&objects, exchange.object_resend_m).map(Message::Objects),
+            );
+        }
+        Ok(messages)
     }
 
     /// Own closures newly found under a believed alignment, and those whose alignment has been given up.

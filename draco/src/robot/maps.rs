@@ -45,8 +45,10 @@ impl SentMaps {
         update
     }
 
+    /// What is new since the last update; `None` if nothing is.
+    ///
     /// * `resend_m` – how far an object has to move, or its sides to change, to be worth telling, metres.
-    pub(crate) fn object_update(&mut self, objects: &[Object], resend_m: f64) -> ObjectUpdate {
+    pub(crate) fn object_update(&mut self, objects: &[Object], resend_m: f64) -> Option<ObjectUpdate> {
         let whole = self.objects.is_empty();
         let current: BTreeMap<u32, ObjectEntry> = objects.iter().map(|o| (o.id, o.into())).collect();
         let removed: Vec<u32> = self.objects.keys().filter(|id| !current.contains_key(id)).copied().collect();
@@ -62,8 +64,13 @@ impl SentMaps {
                 changed.push(new);
             }
         }
+        // an empty map is news to a partner that had asked for it whole
+        let is_first = self.object_version == 0;
+        if changed.is_empty() && removed.is_empty() && (is_first || !whole) {
+            return None;
+        }
         self.object_version += 1;
-        ObjectUpdate { version: self.object_version, whole, changed, removed }
+        Some(ObjectUpdate { version: self.object_version, whole, changed, removed })
     }
 }
 
@@ -186,17 +193,18 @@ mod tests {
     #[test]
     fn only_what_changed_is_sent() {
         let (mut sent, mut received) = (SentMaps::default(), ReceivedMaps::default());
-        let first = sent.object_update(&[object(1, 0.0), object(2, 10.0)], 0.5);
+        let first = sent.object_update(&[object(1, 0.0), object(2, 10.0)], 0.5).unwrap();
         assert!(first.whole && first.changed.len() == 2);
         received.take_objects(first).unwrap();
-        let second = sent.object_update(&[object(1, 0.4), object(3, 20.0)], 0.5);
+        let second = sent.object_update(&[object(1, 0.4), object(3, 20.0)], 0.5).unwrap();
         assert_eq!(second.changed.iter().map(|o| o.id).collect::<Vec<_>>(), [3]);
         assert_eq!(second.removed, [2]);
         received.take_objects(second.clone()).unwrap();
         assert_eq!(received.objects().map(|o| o.id).collect::<Vec<_>>(), [1, 3]);
         assert_eq!(received.take_objects(second), Err(Mismatch));
         // small steps add up
-        let third = sent.object_update(&[object(1, 0.6), object(3, 20.0)], 0.5);
+        let third = sent.object_update(&[object(1, 0.6), object(3, 20.0)], 0.5).unwrap();
         assert_eq!(third.changed.len(), 1);
+        assert_eq!(sent.object_update(&[object(1, 0.6), object(3, 20.0)], 0.5), None);
     }
 }

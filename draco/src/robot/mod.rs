@@ -66,8 +66,12 @@ pub struct RobotParams {
 /// When things are sent.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExchangeParams {
-    /// Keyframes between two maps sent. Default 5: alignment gains little from one keyframe more.
+    /// Keyframes between two cell maps sent, and between two attempts to align maps. Default 5: alignment gains little from
+    /// one keyframe more.
     pub map_interval: usize,
+    /// Keyframes between two updates of the object map. Default 1: an update tells only what has changed, and with fewer of
+    /// them partners match older maps (`experiment traffic`).
+    pub object_interval: usize,
     /// Keyframes asked for in one step at most. Default 20, as in the published system.
     pub scans_per_request: usize,
     /// A factor is sent again when its measurement has moved by this share of its sigma. Default 0.25.
@@ -79,7 +83,13 @@ pub struct ExchangeParams {
 
 impl Default for ExchangeParams {
     fn default() -> Self {
-        ExchangeParams { map_interval: 5, scans_per_request: 20, resend_sigmas: 0.25, object_resend_m: 0.5 }
+        ExchangeParams {
+            map_interval: 5,
+            object_interval: 1,
+            scans_per_request: 20,
+            resend_sigmas: 0.25,
+            object_resend_m: 0.5,
+        }
     }
 }
 

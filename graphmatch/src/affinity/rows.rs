@@ -51,17 +51,28 @@ impl Rows {
     /// `y = S x`.
     #[inline(always)]
     pub(super) fn multiply(&self, x: &[f64], y: &mut [f64]) {
-        let mut padded = [0.0; PAIRS];
+        // A table of half the size leaves the cache to the entries.
+        if x.len() <= PAIRS / 2 {
+            self.multiply_padded::<{ PAIRS / 2 }>(x, y);
+        } else {
+            self.multiply_padded::<PAIRS>(x, y);
+        }
+    }
+
+    /// The product with `x` padded to `SIZE`, a power of two.
+    #[inline(always)]
+    fn multiply_padded<const SIZE: usize>(&self, x: &[f64], y: &mut [f64]) {
+        let mut padded = [0.0; SIZE];
         padded[..x.len()].copy_from_slice(x);
         for (k, rows) in self.order.chunks(LANES).enumerate() {
             let run = self.start[k]..self.start[k + 1];
             let mut sums = [0.0; LANES];
             for (column, value) in self.column[run.clone()].iter().zip(&self.value[run]) {
-                // Below `PAIRS` as it is: this spares the check. All are read before any is summed, so that the machine's
+                // Below `SIZE` as it is: this spares the check. All are read before any is summed, so that the machine's
                 // instruction for scattered reads serves where it has one.
                 let mut gathered = [0.0; LANES];
                 for lane in 0..LANES {
-                    gathered[lane] = padded[usize::from(column[lane]) % PAIRS];
+                    gathered[lane] = padded[usize::from(column[lane]) % SIZE];
                 }
                 for lane in 0..LANES {
                     sums[lane] += value[lane] * gathered[lane];

@@ -1,4 +1,4 @@
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce};
 
 use super::Costs;
 use super::paths::{Arcs, Paths};
@@ -29,12 +29,12 @@ struct Solve<'a> {
     costs: Costs<'a>,
 }
 
-impl WithSimd for Solve<'_> {
+impl NullaryFnOnce for Solve<'_> {
     type Output = Option<State>;
 
     /// The passes over all entries are inlined here, so that they are compiled for the vectors of the machine.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) -> Option<State> {
+    fn call(self) -> Option<State> {
         solve_core(self.costs)
     }
 }

@@ -112,6 +112,8 @@ impl Votes {
         self.clear();
         let cut = problem.params.gate * std::f64::consts::SQRT_2 * problem.largest_sigma;
         let own_variance = problem.variance(i, a);
+        // Votes over the circle's end begin once more at bin 0. Summed apart: in place, each would wait for the last.
+        let mut around_end = [0.0; 2];
         let mut low = 0;
         for ray1 in from1 {
             while low < from2.len() && from2[low].distance < ray1.distance - cut {
@@ -135,13 +137,18 @@ impl Votes {
                     let repeated = repeated1 || problem.repeated2[ray2.object];
                     self.any_repeated |= repeated;
                     let changes = if repeated { &mut self.repeated } else { &mut self.distinct };
-                    for (bin, change) in vote(changes.len(), ray1.angle - ray2.angle, half_width, weight) {
-                        changes[bin] += change;
-                        self.touched[bin / 64] |= 1 << (bin % 64);
-                    }
+                    let [from, to] = vote(changes.len(), ray1.angle - ray2.angle, half_width);
+                    changes[from] += weight;
+                    changes[to] -= weight;
+                    self.touched[from / 64] |= 1 << (from % 64);
+                    self.touched[to / 64] |= 1 << (to % 64);
+                    around_end[usize::from(repeated)] += if to < from { weight } else { 0.0 };
                 }
             }
         }
+        self.distinct[0] += around_end[0];
+        self.repeated[0] += around_end[1];
+        self.touched[0] |= 1;
     }
 
     /// Largest sum, that of the pivot included, and its turn; `None` without votes.
@@ -168,13 +175,14 @@ impl Votes {
     }
 }
 
-/// Where a vote for the turns about `angle` begins and ends, on a circle of `bins`, a power of two.
-fn vote(bins: usize, angle: f64, half_width: f64, weight: f64) -> [(usize, f64); 3] {
+/// Bins where a vote for the turns about `angle` begins and ends, on a circle of `bins`, a power of two. If it ends before it
+/// begins, it also holds from bin 0.
+#[inline]
+fn vote(bins: usize, angle: f64, half_width: f64) -> [usize; 2] {
     let scale = bins as f64 / TAU;
     // Angles lie in (-2π, 2π) and widths below π/2: three turns up makes all positive.
     let bin = |x: f64| ((x + 3.0 * TAU) * scale) as u32 as usize & (bins - 1);
-    let (from, to) = (bin(angle - half_width), (bin(angle + half_width) + 1) & (bins - 1));
-    [(from, weight), (to, -weight), (0, if to < from { weight } else { 0.0 })]
+    [bin(angle - half_width), (bin(angle + half_width) + 1) & (bins - 1)]
 }
 
 /// Largest running sum of changes over a circle and the turn in the middle of where it holds; `None` if it is not
@@ -221,8 +229,11 @@ mod tests {
         // Turns from -0.1 to 0.1 (around the circle's end) and from 0.0 to 0.2: both hold from 0.0 to 0.1.
         let bins = 1024;
         let mut changes = vec![0.0; bins];
-        for (bin, change) in [(0.0, 2.0), (0.1, 3.0)].iter().flat_map(|&(at, w)| vote(bins, at, 0.1, w)) {
-            changes[bin] += change;
+        for (at, weight) in [(0.0, 2.0), (0.1, 3.0)] {
+            let [from, to] = vote(bins, at, 0.1);
+            changes[from] += weight;
+            changes[to] -= weight;
+            changes[0] += if to < from { weight } else { 0.0 };
         }
         let (votes, angle) = peak(bins, changes.into_iter().enumerate()).unwrap();
         assert_eq!(votes, 5.0);

@@ -1,80 +1,55 @@
 //! Loops over numbers side by side, so that they compile to the vectors of the machine where they are inlined under a
 //! dispatch. The order of the sums is the same on every machine.
 
-const LANES: usize = 8;
+pub(super) const LANES: usize = 8;
 
-/// Sum of `value` of all numbers.
-#[inline(always)]
-pub(super) fn sum(x: &[f64], value: impl Fn(f64) -> f64) -> f64 {
-    let chunks = x.chunks_exact(LANES);
-    let tail: f64 = chunks.remainder().iter().map(|x| value(*x)).sum();
-    let mut sums = [0.0; LANES];
-    for chunk in chunks {
-        sums.iter_mut().zip(chunk).for_each(|(sum, x)| *sum += value(*x));
-    }
-    tail + total(sums)
-}
+/// Numbers side by side. Loops over such arrays become whole vectors, those over slices sometimes not.
+pub(super) type Lanes = [f64; LANES];
 
-/// Replaces each `x` by the first of what `next` gives for it and its partners `y` and `z`, and sums the two others.
+/// Calls `visit` with eight numbers of each of three rows at a time, which it may replace in the first; lengths are
+/// multiples of eight. (A second call for what is left over would keep `visit` from being inlined.)
 #[inline(always)]
 pub(super) fn replace(
     x: &mut [f64],
     y: &[f64],
     z: &[f64],
-    next: impl Fn(f64, f64, f64) -> [f64; 3],
-) -> [f64; 2] {
-    let ((xs, x_tail), (ys, y_tail), (zs, z_tail)) =
-        (x.as_chunks_mut::<LANES>(), y.as_chunks::<LANES>(), z.as_chunks::<LANES>());
-    let mut sums = [[0.0; LANES]; 2];
+    mut visit: impl FnMut(&mut Lanes, &Lanes, &Lanes),
+) {
+    debug_assert!([x.len(), y.len(), z.len()].iter().all(|n| n % LANES == 0));
+    let (xs, ys, zs) = (x.as_chunks_mut().0, y.as_chunks().0, z.as_chunks().0);
     for ((x, y), z) in xs.iter_mut().zip(ys).zip(zs) {
-        // All read before anything is written, so that lanes stay together.
-        let mut out = [[0.0; LANES]; 3];
-        for lane in 0..LANES {
-            [out[0][lane], out[1][lane], out[2][lane]] = next(x[lane], y[lane], z[lane]);
-        }
-        *x = out[0];
-        for lane in 0..LANES {
-            sums[0][lane] += out[1][lane];
-            sums[1][lane] += out[2][lane];
-        }
+        visit(x, y, z);
     }
-    for (lane, ((x, y), z)) in x_tail.iter_mut().zip(y_tail).zip(z_tail).enumerate() {
-        let [new, a, b] = next(*x, *y, *z);
-        *x = new;
-        sums[0][lane] += a;
-        sums[1][lane] += b;
-    }
-    sums.map(total)
 }
 
-/// Sum of the products of two rows of equal length.
+/// Sum of all numbers; a multiple of eight.
 #[inline(always)]
-pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    let (xs, ys) = (x.chunks_exact(LANES), y.chunks_exact(LANES));
-    let tail: f64 = xs.remainder().iter().zip(ys.remainder()).map(|(x, y)| x * y).sum();
+pub(super) fn sum(x: &[f64]) -> f64 {
     let mut sums = [0.0; LANES];
-    for (x, y) in xs.zip(ys) {
-        sums.iter_mut().zip(x.iter().zip(y)).for_each(|(sum, (x, y))| *sum += x * y);
+    for chunk in x.as_chunks::<LANES>().0 {
+        for lane in 0..LANES {
+            sums[lane] += chunk[lane];
+        }
     }
-    tail + total(sums)
+    total(&sums)
 }
 
-/// Sum of the lanes in pairs, of which none waits long for another.
-#[inline(always)]
-fn total([a, b, c, d, e, f, g, h]: [f64; LANES]) -> f64 {
+/// Sum of the lanes in pairs. Not inlined: the loop before would be compiled for these pairs, not for whole vectors.
+#[inline(never)]
+pub(super) fn total([a, b, c, d, e, f, g, h]: &Lanes) -> f64 {
     ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
-/// Largest number, at least 0.
+/// Largest number, at least 0; a multiple of eight.
 #[inline(always)]
 pub(super) fn largest(x: &[f64]) -> f64 {
-    let chunks = x.chunks_exact(LANES);
-    let tail = chunks.remainder().iter().copied().fold(0.0, f64::max);
     let mut most = [0.0; LANES];
-    for chunk in chunks {
-        most.iter_mut().zip(chunk).for_each(|(most, x)| *most = if x > most { *x } else { *most });
+    for chunk in x.as_chunks::<LANES>().0 {
+        for lane in 0..LANES {
+            most[lane] = if chunk[lane] > most[lane] { chunk[lane] } else { most[lane] };
+        }
     }
-    most.into_iter().fold(tail, f64::max)
+    most.into_iter().fold(0.0, f64::max)
 }
 
 /// 1/n! for n from 0 to 13; what follows is below rounding for |r| ≤ ln 2 / 2.
@@ -88,20 +63,30 @@ const SERIES: [f64; 14] = {
     series
 };
 
-/// `eˣ` of a number from −700 to 0 (or a rounding above), to a few units in the last place, without branches.
+/// `eˣ` of numbers from −700 to 0 (or a rounding above), to a few units in the last place, without branches.
 ///
 /// `x = k ln 2 + r` with a whole `k`; `eʳ` by its series, `2ᵏ` by its bits.
 #[inline(always)]
-pub(super) fn exp(x: f64) -> f64 {
+pub(super) fn exp(x: &Lanes) -> Lanes {
     /// Adding this leaves a number rounded to a whole one, in the low bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     // ln 2 in two parts, the first short enough that its product with k is exact.
     const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
-    let shifted = x * std::f64::consts::LOG2_E + ROUND;
-    let k = shifted - ROUND;
-    let r = x - k * LN_2[0] - k * LN_2[1];
-    let series = SERIES.iter().rev().fold(0.0_f64, |sum, c| sum.mul_add(r, *c));
-    series * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
+    let (mut shifted, mut r, mut series) = ([0.0; LANES], [0.0; LANES], [0.0_f64; LANES]);
+    for lane in 0..LANES {
+        shifted[lane] = x[lane] * std::f64::consts::LOG2_E + ROUND;
+        let k = shifted[lane] - ROUND;
+        r[lane] = x[lane] - k * LN_2[0] - k * LN_2[1];
+    }
+    for c in SERIES.iter().rev() {
+        for lane in 0..LANES {
+            series[lane] = series[lane].mul_add(r[lane], *c);
+        }
+    }
+    for lane in 0..LANES {
+        series[lane] *= f64::from_bits(shifted[lane].to_bits().wrapping_add(1023) << 52);
+    }
+    series
 }
 
 #[cfg(test)]
@@ -112,17 +97,19 @@ mod tests {
     fn exp_is_that_of_the_standard_library() {
         for k in 0..70_000 {
             let x = -0.01 * f64::from(k);
-            assert!((exp(x) / x.exp() - 1.0).abs() < 1e-15 * 4.0, "{x}: {} and {}", exp(x), x.exp());
+            let [found, ..] = exp(&[x; LANES]);
+            assert!((found / x.exp() - 1.0).abs() < 1e-15 * 4.0, "{x}: {found} and {}", x.exp());
         }
-        assert_eq!(exp(0.0), 1.0);
+        assert_eq!(exp(&[0.0; LANES]), [1.0; LANES]);
     }
 
     #[test]
-    fn sums_and_largest_take_the_tail_in() {
-        let x: Vec<f64> = (0..19).map(f64::from).collect();
-        assert_eq!(sum(&x, |x| 2.0 * x), 342.0);
-        assert_eq!(dot(&x, &x), 2109.0);
-        assert_eq!(largest(&x), 18.0);
-        assert_eq!(largest(&x[..3]), 2.0);
+    fn sums_and_largest_take_all_in() {
+        let x: Vec<f64> = (0..24).map(f64::from).collect();
+        assert_eq!(sum(&x), 276.0);
+        assert_eq!(largest(&x), 23.0);
+        let mut doubled = x.clone();
+        replace(&mut doubled, &x, &x, |sum, x, _| sum.iter_mut().zip(x).for_each(|(sum, x)| *sum += x));
+        assert!(doubled.iter().zip(&x).all(|(d, x)| *d == 2.0 * x));
     }
 }

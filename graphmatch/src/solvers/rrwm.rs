@@ -1,6 +1,6 @@
 use pulp::{Arch, Simd, WithSimd};
 
-use super::lanes;
+use super::lanes::{self, LANES};
 use super::sinkhorn::sinkhorn;
 use crate::{Affinity, Error};
 
@@ -57,49 +57,66 @@ impl WithSimd for Walk<'_> {
         let Self { affinity, params: &RrwmParams { iterations, sinkhorn_iterations, alpha, beta } } = self;
         let (rows, columns) = (affinity.rows(), affinity.columns());
         let size = rows * columns;
-        let mut walk = vec![1.0; size];
-        let mut moved = vec![0.0; size];
-        affinity.apply(&walk, &mut moved);
+        // Filled up with zeros to whole lanes.
+        let padded = size.next_multiple_of(LANES);
+        let (mut walk, mut moved, mut jump) = (vec![0.0; padded], vec![0.0; padded], vec![0.0; padded]);
+        walk[..size].fill(1.0);
+        affinity.apply(&walk[..size], &mut moved[..size]);
         let most = lanes::largest(&moved);
         if most == 0.0 {
             return vec![0.0; size];
         }
         // The tiny share of the least degree is the reference's guard against 0/0, kept for equal answers.
-        let scale = (most + 1e-5 * moved.iter().copied().fold(f64::INFINITY, f64::min)).recip();
-        walk.fill(1.0 / size as f64);
+        let scale = (most + 1e-5 * moved[..size].iter().copied().fold(f64::INFINITY, f64::min)).recip();
+        walk[..size].fill(1.0 / size as f64);
         moved.iter_mut().for_each(|x| *x /= size as f64);
-        let mut jump = vec![0.0; size];
         for step in 0..iterations {
             // The first product is that of the uniform walk, already known.
             if step > 0 {
-                affinity.apply(&walk, &mut moved);
+                affinity.apply(&walk[..size], &mut moved[..size]);
             }
-            let (sum, largest) = (lanes::sum(&moved, |x| x), lanes::largest(&moved));
+            let (sum, largest) = (lanes::sum(&moved), lanes::largest(&moved));
             let sharpness = beta / largest;
             // The walk has died out, or its entries are too small to compare.
             if !sharpness.is_finite() {
                 break;
             }
-            for (jump, x) in jump.iter_mut().zip(&moved) {
-                *jump = lanes::exp(sharpness * x - beta);
-            }
-            sinkhorn(&mut jump, rows, columns, sinkhorn_iterations);
+            lanes::replace(&mut jump, &moved, &moved, |jump, x, _| {
+                let mut exponent = [0.0; LANES];
+                for lane in 0..LANES {
+                    exponent[lane] = sharpness * x[lane] - beta;
+                }
+                *jump = lanes::exp(&exponent);
+            });
+            jump[size..].fill(0.0);
+            sinkhorn(&mut jump[..size], rows, columns, sinkhorn_iterations);
             let rest = (1.0 - alpha) / sum;
-            let [total, _] = lanes::replace(&mut jump, &moved, &moved, |jump, x, _| {
-                let mixed = alpha * jump + rest * x;
-                [mixed, mixed, 0.0]
+            let mut totals = [0.0; LANES];
+            lanes::replace(&mut jump, &moved, &moved, |jump, x, _| {
+                for lane in 0..LANES {
+                    jump[lane] = alpha * jump[lane] + rest * x[lane];
+                    totals[lane] += jump[lane];
+                }
             });
-            let share = total.recip();
+            let share = lanes::total(&totals).recip();
             // What the reference looks at is the change against the walk before it was normalised.
-            let [change, length] = lanes::replace(&mut walk, &jump, &moved, |walk, jump, x| {
-                let next = share * jump;
-                [next, (next - scale * x).powi(2), (next - walk).powi(2)]
+            let (mut change, mut length) = ([0.0; LANES], [0.0; LANES]);
+            lanes::replace(&mut walk, &jump, &moved, |walk, jump, x| {
+                for lane in 0..LANES {
+                    let next = share * jump[lane];
+                    let (from_moved, from_walk) = (next - scale * x[lane], next - walk[lane]);
+                    change[lane] += from_moved * from_moved;
+                    length[lane] += from_walk * from_walk;
+                    walk[lane] = next;
+                }
             });
+            let (change, length) = (lanes::total(&change), lanes::total(&length));
             // A walk that stands still would stand still to the end.
             if change.sqrt() < 1e-5 || length.sqrt() < STILL {
                 break;
             }
         }
+        walk.truncate(size);
         walk
     }
 }

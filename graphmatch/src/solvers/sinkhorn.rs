@@ -1,4 +1,4 @@
-use super::lanes;
+use super::lanes::{LANES, Lanes};
 
 /// Scales a positive matrix so that rows and columns sum to 1 in turn, `iterations` half steps, rows (of the side with
 /// fewer members) first. On plain numbers: entries must stay within e^±300 of each other.
@@ -6,43 +6,54 @@ use super::lanes;
 /// The matrix is only read until the end: a half step takes the factors of one side from those of the other.
 #[inline(always)]
 pub(super) fn sinkhorn(x: &mut [f64], rows: usize, columns: usize, iterations: usize) {
-    if x.is_empty() {
-        return;
-    }
-    let (mut of_row, mut of_column) = (vec![1.0; rows], vec![1.0; columns]);
-    let mut left = iterations;
-    if rows > columns && left > 0 {
-        of_column.fill(0.0);
-        x.chunks_exact(columns).for_each(|row| add(&mut of_column, 1.0, row));
-        of_column.iter_mut().for_each(|sum| *sum = factor(*sum));
-        left -= 1;
-    }
-    let mut sums = vec![0.0; columns];
-    while left > 0 {
-        // A row's factor is final when its own sum is known, so the same pass over the row serves both half steps.
-        sums.fill(0.0);
-        for (of_row, row) in of_row.iter_mut().zip(x.chunks_exact(columns)) {
-            *of_row = factor(lanes::dot(row, &of_column));
-            add(&mut sums, *of_row, row);
-        }
-        if left > 1 {
-            of_column.iter_mut().zip(&sums).for_each(|(of_column, sum)| *of_column = factor(*sum));
-        }
-        left = left.saturating_sub(2);
-    }
-    for (of_row, row) in of_row.iter().zip(x.chunks_exact_mut(columns)) {
-        row.iter_mut().zip(&of_column).for_each(|(x, of_column)| *x *= of_row * of_column);
-    }
     debug_assert_eq!(x.len(), rows * columns);
+    let across = Padded::new(rows, columns, |row, column| x[row * columns + column]);
+    let down = Padded::new(columns, rows, |column, row| x[row * columns + column]);
+    let (mut of_row, mut of_column) = (vec![[1.0; LANES]; down.width], vec![[1.0; LANES]; across.width]);
+    for step in 0..iterations {
+        if (step % 2 == 0) == (rows <= columns) {
+            down.factors(of_column.as_flattened(), &mut of_row);
+        } else {
+            across.factors(of_row.as_flattened(), &mut of_column);
+        }
+    }
+    for (row, of_row) in x.chunks_exact_mut(columns.max(1)).zip(of_row.as_flattened()) {
+        row.iter_mut().zip(of_column.as_flattened()).for_each(|(x, of_column)| *x *= of_row * of_column);
+    }
 }
 
-#[inline(always)]
-fn add(sums: &mut [f64], factor: f64, row: &[f64]) {
-    sums.iter_mut().zip(row).for_each(|(sum, x)| *sum += factor * x);
+/// Rows of a matrix, each filled up with zeros to whole arrays.
+struct Padded {
+    /// Arrays a row.
+    width: usize,
+    values: Vec<Lanes>,
 }
 
-/// What brings a sum to 1, if it is not 0.
-#[inline(always)]
-fn factor(sum: f64) -> f64 {
-    if sum > 0.0 { sum.recip() } else { 1.0 }
+impl Padded {
+    #[inline(always)]
+    fn new(rows: usize, columns: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
+        let width = columns.div_ceil(LANES);
+        let mut values = vec![[0.0; LANES]; rows * width];
+        for row in 0..rows {
+            let lanes = values[row * width..][..width].as_flattened_mut();
+            lanes.iter_mut().take(columns).enumerate().for_each(|(column, x)| *x = entry(row, column));
+        }
+        Self { width, values }
+    }
+
+    /// What brings the sum of each column, its rows weighed, to 1.
+    #[inline(always)]
+    fn factors(&self, of_rows: &[f64], of_columns: &mut [Lanes]) {
+        for (k, of_columns) in of_columns.iter_mut().enumerate() {
+            let mut sums = [0.0; LANES];
+            for (row, of_row) in self.values.chunks_exact(self.width).zip(of_rows) {
+                for lane in 0..LANES {
+                    sums[lane] += of_row * row[k][lane];
+                }
+            }
+            for lane in 0..LANES {
+                of_columns[lane] = if sums[lane] > 0.0 { sums[lane].recip() } else { 1.0 };
+            }
+        }
+    }
 }

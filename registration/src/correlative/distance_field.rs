@@ -21,25 +21,19 @@ impl Default for FieldParams {
     }
 }
 
-/// Distance from the centre of every cell of a grid to the nearest point of a set, exact up to a reach.
-///
-/// Cost to build: `n (2 reach / cell)²` for `n` points.
+/// Square cells over the bounding box of a set of points widened by a reach.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DistanceField {
-    params: FieldParams,
-    origin: Point2<f64>,
-    columns: usize,
-    rows: usize,
-    distance_sq: Vec<f32>,
+pub(super) struct Grid {
+    pub(super) cell: f64,
+    pub(super) origin: Point2<f64>,
+    pub(super) columns: usize,
+    pub(super) rows: usize,
 }
 
-impl DistanceField {
-    /// The field of `points` (metres) over their bounding box widened by the reach.
-    ///
+impl Grid {
     /// # Errors
-    /// No point, a coordinate that is not finite, a cell or reach that is not positive, or points so far apart that
-    /// the grid would exceed 2²⁴ cells.
-    pub fn new(points: &[Point2<f64>], params: &FieldParams) -> Result<Self, Error> {
+    /// See [`DistanceField::new`].
+    pub(super) fn around(points: &[Point2<f64>], params: &FieldParams) -> Result<Self, Error> {
         for (name, value) in [("cell", params.cell), ("reach", params.reach)] {
             check(name, value, value > 0.0 && value.is_finite(), "positive and finite")?;
         }
@@ -51,10 +45,66 @@ impl DistanceField {
         if columns * rows > CELL_LIMIT as f64 {
             return Err(too_large("the target", points, params.cell, columns * rows, CELL_LIMIT));
         }
-        let (columns, rows) = (columns as usize, rows as usize);
+        Ok(Self { cell: params.cell, origin, columns: columns as usize, rows: rows as usize })
+    }
+
+    /// The part of the grid whose cells a box between two corners touches, at least one cell of it.
+    pub(super) fn clipped(self, low: &Point2<f64>, high: &Point2<f64>) -> Self {
+        let part = |low: f64, high: f64, count: usize| {
+            let first = low.floor().clamp(0.0, count as f64 - 1.0) as usize;
+            let last = high.floor().clamp(first as f64, count as f64 - 1.0) as usize;
+            (first, last + 1 - first)
+        };
+        let ((left, bottom), (right, top)) = (self.place_of(low), self.place_of(high));
+        let ((column, columns), (row, rows)) =
+            (part(left, right, self.columns), part(bottom, top, self.rows));
+        let corner = nalgebra::Vector2::new(column as f64, row as f64) * self.cell;
+        Self { origin: self.origin + corner, columns, rows, ..self }
+    }
+
+    /// Place of a point in cells from the origin.
+    #[inline(always)]
+    pub(super) fn place_of(&self, point: &Point2<f64>) -> (f64, f64) {
+        ((point.x - self.origin.x) / self.cell, (point.y - self.origin.y) / self.cell)
+    }
+
+    /// Column and row of the cell that holds a point; it may lie outside.
+    #[inline(always)]
+    pub(super) fn cell_of(&self, point: &Point2<f64>) -> (i64, i64) {
+        let (x, y) = self.place_of(point);
+        (x.floor() as i64, y.floor() as i64)
+    }
+
+    /// Those of `count` cells of an axis whose centres are at most `reach` metres from a place on it.
+    #[inline(always)]
+    pub(super) fn near(&self, place: f64, reach: f64, count: usize) -> std::ops::Range<usize> {
+        let reach = reach / self.cell;
+        let first = (place - reach - 0.5).ceil().max(0.0) as usize;
+        let end = ((place + reach + 0.5).floor().max(0.0) as usize).min(count);
+        first.min(end)..end
+    }
+}
+
+/// Distance from the centre of every cell of a grid to the nearest point of a set, exact up to a reach.
+///
+/// Cost to build: `n (2 reach / cell)²` for `n` points.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DistanceField {
+    params: FieldParams,
+    grid: Grid,
+    distance_sq: Vec<f32>,
+}
+
+impl DistanceField {
+    /// The field of `points` (metres) over their bounding box widened by the reach.
+    ///
+    /// # Errors
+    /// No point, a coordinate that is not finite, a cell or reach that is not positive, or points so far apart that
+    /// the grid would exceed 2²⁴ cells.
+    pub fn new(points: &[Point2<f64>], params: &FieldParams) -> Result<Self, Error> {
+        let grid = Grid::around(points, params)?;
         let far = (params.reach * params.reach) as f32;
-        let mut field =
-            Self { params: *params, origin, columns, rows, distance_sq: vec![far; columns * rows] };
+        let mut field = Self { params: *params, distance_sq: vec![far; grid.columns * grid.rows], grid };
         for point in points {
             field.stamp(point);
         }
@@ -63,19 +113,13 @@ impl DistanceField {
 
     /// Lowers the distances around one point.
     fn stamp(&mut self, point: &Point2<f64>) {
-        let cell = self.params.cell;
-        let (x, y) = ((point.x - self.origin.x) / cell, (point.y - self.origin.y) / cell);
-        let reach = self.params.reach / cell;
-        let range = |at: f64, count: usize| {
-            let first = (at - reach - 0.5).ceil().max(0.0) as usize;
-            let last = (at + reach - 0.5).floor().max(0.0) as usize;
-            first..(last + 1).min(count)
-        };
+        let Grid { cell, columns, rows, .. } = self.grid;
+        let (x, y) = self.grid.place_of(point);
         let cell_sq = cell * cell;
-        for row in range(y, self.rows) {
+        for row in self.grid.near(y, self.params.reach, rows) {
             let dy = row as f64 + 0.5 - y;
-            let line = &mut self.distance_sq[row * self.columns..(row + 1) * self.columns];
-            for column in range(x, self.columns) {
+            let line = &mut self.distance_sq[row * columns..(row + 1) * columns];
+            for column in self.grid.near(x, self.params.reach, columns) {
                 let dx = column as f64 + 0.5 - x;
                 let distance_sq = ((dx * dx + dy * dy) * cell_sq) as f32;
                 if distance_sq < line[column] {
@@ -92,17 +136,17 @@ impl DistanceField {
 
     /// Lower left corner of the grid, metres.
     pub fn origin(&self) -> Point2<f64> {
-        self.origin
+        self.grid.origin
     }
 
     /// Cells along x.
     pub fn columns(&self) -> usize {
-        self.columns
+        self.grid.columns
     }
 
     /// Cells along y.
     pub fn rows(&self) -> usize {
-        self.rows
+        self.grid.rows
     }
 
     /// Squared distances in m², row after row, each at most the reach squared.
@@ -113,12 +157,12 @@ impl DistanceField {
     /// Distance in metres from the centre of the cell that holds `point` to the nearest point of the set; `None`
     /// where there is none within the reach.
     pub fn distance(&self, point: &Point2<f64>) -> Option<f64> {
-        let column = ((point.x - self.origin.x) / self.params.cell).floor();
-        let row = ((point.y - self.origin.y) / self.params.cell).floor();
-        if !(column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64) {
+        let Grid { columns, rows, .. } = self.grid;
+        let (column, row) = self.grid.cell_of(point);
+        if !(0..columns as i64).contains(&column) || !(0..rows as i64).contains(&row) {
             return None;
         }
-        let distance_sq = f64::from(self.distance_sq[row as usize * self.columns + column as usize]);
+        let distance_sq = f64::from(self.distance_sq[row as usize * columns + column as usize]);
         let reach_sq = self.params.reach * self.params.reach;
         (distance_sq < reach_sq * (1.0 - 1e-6)).then(|| distance_sq.sqrt())
     }

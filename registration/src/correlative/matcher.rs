@@ -1,11 +1,16 @@
 use draco_lie::LieGroup;
 use nalgebra::{Isometry2, Matrix3, Point2, Rotation2, Vector2, Vector3};
 
-use super::distance_field::{DistanceField, FieldParams};
+use super::distance_field::{FieldParams, bounds};
+use super::kernel_grid::KernelGrid;
 use crate::error::{Error, check};
 
 /// Rounds in which the winning mode is centred on its own mean.
 const MODE_ROUNDS: usize = 3;
+
+/// Poses whose log posterior is this far below the best are left out of the moments: ten million of them together weigh
+/// less than the rounding of the best.
+const NEGLIGIBLE: f64 = 55.0;
 
 /// What to search and how much to believe a score.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -119,16 +124,11 @@ pub struct CorrelativeMatch {
 
 /// A set of points prepared for matching scans with it.
 ///
-/// Cost to build: that of the [`DistanceField`].
+/// Cost to build: `n (2 reach / cell)²` for `n` points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Target {
     params: CorrelativeParams,
-    origin: Point2<f64>,
-    rows: usize,
-    /// Kernel values. Columns are split by their remainder modulo the lattice step, so that the poses of one lattice
-    /// row read neighbouring numbers: `values[(remainder · rows + row) · width + column / step]`.
-    values: Vec<f32>,
-    width: usize,
+    kernels: KernelGrid,
 }
 
 /// One heading of the lattice with the scores of all shifts.
@@ -141,48 +141,47 @@ impl Target {
     /// Prepares `points` (metres, in the target's frame).
     ///
     /// # Errors
-    /// Those of [`DistanceField::new`], and a parameter out of its range.
+    /// Those of [`DistanceField::new`](super::DistanceField::new), and a parameter out of its range.
     pub fn new(points: &[Point2<f64>], params: &CorrelativeParams) -> Result<Self, Error> {
+        Self::within(points, params, None)
+    }
+
+    /// As [`Target::new`], for nothing but locating `source` around `start`: the same answer, with only the part of the
+    /// target prepared that a pose of the window can bring the source to.
+    ///
+    /// # Errors
+    /// Those of [`Target::new`], no source point, or a coordinate that is not finite.
+    pub fn for_source(
+        points: &[Point2<f64>],
+        params: &CorrelativeParams,
+        source: &[Point2<f64>],
+        start: &Isometry2<f64>,
+    ) -> Result<Self, Error> {
+        let centroid = centroid(source)?;
+        let placed: Vec<Point2<f64>> = source.iter().map(|point| start * point).collect();
+        let (low, high) = bounds(&placed)?;
+        // a turn about the centroid moves no point farther than the chord of the one farthest out
+        let extent = source.iter().map(|point| (point - centroid).norm()).fold(0.0, f64::max);
+        let turn = 2.0 * extent * (0.5 * params.angle).sin();
+        let margin = Vector2::repeat(turn + params.radius + params.step + params.field.cell);
+        Self::within(points, params, Some(&(low - margin, high + margin)))
+    }
+
+    fn within(
+        points: &[Point2<f64>],
+        params: &CorrelativeParams,
+        region: Option<&(Point2<f64>, Point2<f64>)>,
+    ) -> Result<Self, Error> {
         params.check()?;
-        let field = DistanceField::new(points, &params.field)?;
-        let step = params.step_cells();
-        let (columns, rows) = (field.columns(), field.rows());
-        let width = columns.div_ceil(step);
-        let mut values = vec![0.0f32; step * rows * width];
-        let scale = (-0.5 / (params.kernel_sigma * params.kernel_sigma)) as f32;
-        let reach_sq = (params.field.reach * params.field.reach) as f32;
-        for (row, line) in field.distance_sq().chunks_exact(columns).enumerate() {
-            for (column, &distance_sq) in line.iter().enumerate() {
-                if distance_sq < reach_sq {
-                    let remainder = column % step;
-                    values[(remainder * rows + row) * width + column / step] = (distance_sq * scale).exp();
-                }
-            }
-        }
-        Ok(Self { params: *params, origin: field.origin(), rows, values, width })
+        let (sigma, step) = (params.kernel_sigma, params.step_cells());
+        let kernels = KernelGrid::new(points, &params.field, sigma, step, region)?;
+        Ok(Self { params: *params, kernels })
     }
 
     /// Mean of the kernel over `points`, given in the target's frame: 1 when each lies on a point of the target.
     pub fn score(&self, points: &[Point2<f64>]) -> f64 {
-        let sum: f64 = points.iter().map(|point| f64::from(self.value(point))).sum();
+        let sum: f64 = points.iter().map(|point| f64::from(self.kernels.value(point))).sum();
         sum / points.len().max(1) as f64
-    }
-
-    /// Kernel value of the cell that holds `point`.
-    fn value(&self, point: &Point2<f64>) -> f32 {
-        let step = self.params.step_cells();
-        let (column, row) = self.cell_of(point);
-        let inside = column >= 0 && row >= 0 && row < self.rows as i64 && column < (self.width * step) as i64;
-        if !inside {
-            return 0.0;
-        }
-        let (column, row) = (column as usize, row as usize);
-        self.values[(column % step * self.rows + row) * self.width + column / step]
-    }
-
-    fn cell_of(&self, point: &Point2<f64>) -> (i64, i64) {
-        let cell = self.params.field.cell;
-        (((point.x - self.origin.x) / cell).floor() as i64, ((point.y - self.origin.y) / cell).floor() as i64)
     }
 
     /// Finds `source` (metres, in its own frame) around a start.
@@ -220,44 +219,12 @@ impl Target {
         params.check()?;
         let centroid = centroid(source)?;
         let lattice = Lattice::new(source, &centroid, start, &params)?;
-        let layers: Vec<Layer> = lattice.angles().map(|angle| self.layer(source, &lattice, angle)).collect();
+        let layer = |angle| {
+            let turned = lattice.pose(angle, &Vector2::zeros());
+            Layer { angle, scores: self.kernels.mean_at_shifts(source, &turned, lattice.half) }
+        };
+        let layers: Vec<Layer> = lattice.angles().map(layer).collect();
         Ok(lattice.posterior(&layers, &params))
-    }
-
-    /// Scores of all shifts at one heading.
-    fn layer(&self, source: &[Point2<f64>], lattice: &Lattice, angle: f64) -> Layer {
-        let side = 2 * lattice.half + 1;
-        let step = self.params.step_cells();
-        let mut sums = vec![0.0f32; side * side];
-        let turned = lattice.pose(angle, &Vector2::zeros());
-        let half = lattice.half as i64;
-        for point in source {
-            let (column, row) = self.cell_of(&(turned * point));
-            let remainder = column.rem_euclid(step as i64) as usize;
-            let first = column.div_euclid(step as i64) - half;
-            // The part of the lattice row that falls on the grid.
-            let skip = (-first).max(0);
-            let end = (self.width as i64 - first).min(side as i64);
-            if skip >= end {
-                continue;
-            }
-            for (j, line) in sums.chunks_exact_mut(side).enumerate() {
-                let row = row + (j as i64 - half) * step as i64;
-                if row < 0 || row >= self.rows as i64 {
-                    continue;
-                }
-                let at = (remainder * self.rows + row as usize) * self.width + (first + skip) as usize;
-                let values = &self.values[at..at + (end - skip) as usize];
-                for (sum, value) in line[skip as usize..end as usize].iter_mut().zip(values) {
-                    *sum += value;
-                }
-            }
-        }
-        let scale = 1.0 / source.len() as f32;
-        for sum in &mut sums {
-            *sum *= scale;
-        }
-        Layer { angle, scores: sums }
     }
 }
 
@@ -408,7 +375,7 @@ struct Sample {
 /// Mean and covariance of `[x, y, θ]` under the weights `exp(log_posterior − peak)`.
 fn moments<'a>(samples: impl Iterator<Item = &'a Sample>, peak: f64) -> (Vector3<f64>, Matrix3<f64>) {
     let (mut weight, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
-    for sample in samples {
+    for sample in samples.filter(|sample| sample.log_posterior > peak - NEGLIGIBLE) {
         let w = (sample.log_posterior - peak).exp();
         let u = Vector3::new(sample.shift.x, sample.shift.y, sample.angle);
         weight += w;

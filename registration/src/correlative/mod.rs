@@ -1,7 +1,7 @@
 //! Correlative registration of sparse scans in the plane: every pose of a window is scored, not only a path downhill.
 //!
 //! Sonar scans are sparse, streaky and often seen against one straight wall; the best pose of such a scan is a
-//! *region*, and a local method stops somewhere in it. Here the scan is scored against a [`DistanceField`] of the
+//! *region*, and a local method stops somewhere in it. Here the scan is scored against the distances from the
 //! target at every pose of a lattice, and the answer is the mean and the covariance of the posterior over the winning
 //! mode together with the best score found far away from it.
 //!
@@ -11,6 +11,7 @@
 //! Use ICP instead when the start is good to a fraction of a metre and points are dense.
 
 mod distance_field;
+mod kernel_grid;
 mod map_alignment;
 mod matcher;
 

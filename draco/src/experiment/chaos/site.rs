@@ -3,12 +3,24 @@ use nalgebra::Isometry2;
 use super::plan::Plan;
 use crate::Error;
 use crate::keyframe::{MissionData, Recording};
-use crate::simulate::simulate;
+use crate::simulate::{SimulationParams, simulate};
+
+/// Robots of a team that has a path each; the next ones follow the same paths again.
+const PATHS: usize = 3;
 
 /// The recordings of a plan: from every robot's path a stretch of a few keyframes. The first robot's begins where the plan
-/// says, the others' so that they come as near to it as their paths do, or where they like.
+/// says. Those that are to be near follow the same path, each with errors of its own, and begin so that they come as near
+/// to the first as they can; the others have paths of their own and begin where they like.
 pub(super) fn record(plan: &Plan) -> Result<MissionData, Error> {
-    let mut data = simulate(&plan.simulation)?;
+    let robots = plan.simulation.robots;
+    let fleet = if plan.near { PATHS * (robots - 1) + 1 } else { robots };
+    let mut data = simulate(&SimulationParams { robots: fleet, ..plan.simulation.clone() })?;
+    if plan.near {
+        data.recordings = data.recordings.into_iter().step_by(PATHS).collect();
+        for (recording, robot) in data.recordings.iter_mut().zip(1..) {
+            recording.robot = robot;
+        }
+    }
     let length = |recording: &Recording| plan.keyframes.min(recording.keyframes.len());
     let mut first: Option<Vec<Isometry2<f64>>> = None;
     for recording in &mut data.recordings {
