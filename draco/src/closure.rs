@@ -171,11 +171,7 @@ pub fn register(
     let found = locate(&params.matching, start)?;
     let passed =
         found.score >= params.min_score && found.far_ratio <= params.max_far_ratio && !found.at_border;
-    let placed = if passed {
-        locate(&params.refinement, &found.target_from_source)?
-    } else {
-        found
-    };
+    let placed = if passed { locate(&params.refinement, &found.target_from_source)? } else { found };
     Ok(Some(Registered {
         target_from_source: placed.target_from_source,
         covariance: placed.covariance * params.covariance_factor,

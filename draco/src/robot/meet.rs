@@ -88,10 +88,7 @@ impl Robot {
             Verdict::Clear(mode) => self.weigh(id, partner, mode, &middle, now),
             Verdict::Ambiguous { ratio } => {
                 self.tell(id, now, format!("ambiguous: second best fit at {ratio:.2} of the best"));
-                // Closures have told what the maps alone cannot; only a clear fit elsewhere speaks against them.
-                if !matches!(partner.alignment, Alignment::Accepted(_)) {
-                    self.doubt(id, partner, Alignment::Unknown, now);
-                }
+                self.doubt(id, partner, Alignment::Unknown, now);
             }
             Verdict::None => {}
         }
