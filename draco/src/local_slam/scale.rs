@@ -2,12 +2,14 @@ use draco_lie::LieGroup;
 use draco_pgo::{CustomFactor, Key};
 use nalgebra::{Isometry2, UnitComplex, Vector3};
 
-/// The pose that carries the odometry's calibration: its x is the factor on lengths, its y and heading stay 0.
+/// The pose that carries the odometry's calibration: its x is the factor on lengths, its heading the
+/// constant error of the odometry's heading a keyframe; its y stays 0.
 pub(super) const CALIBRATION: Key = Key::new(1, 0);
 
-/// One step of odometry whose length is misjudged by a common unknown factor.
+/// One step of odometry whose length is misjudged by a common unknown factor, and whose heading by a common unknown angle.
 ///
-/// Residual `σ⁻¹ log(scaled(z, s)⁻¹ a⁻¹ b)` where `scaled` multiplies the translation of `z` by `s`.
+/// Residual `σ⁻¹ log(corrected(z, s, β)⁻¹ a⁻¹ b)` where `corrected` multiplies the translation of `z` by `s` and turns its
+/// heading by `β`.
 #[derive(Debug)]
 pub(super) struct ScaledStep {
     keys: [Key; 3],

@@ -75,6 +75,13 @@ impl Grid {
         (x.floor() as i64, y.floor() as i64)
     }
 
+    /// Column and row of the cell that holds a point; `None` outside.
+    pub(super) fn inside(&self, point: &Point2<f64>) -> Option<(usize, usize)> {
+        let (column, row) = self.cell_of(point);
+        let within = |index: i64, count: usize| usize::try_from(index).ok().filter(|index| *index < count);
+        Some((within(column, self.columns)?, within(row, self.rows)?))
+    }
+
     /// Those of `count` cells of an axis whose centres are at most `reach` metres from a place on it.
     #[inline(always)]
     pub(super) fn near(&self, place: f64, reach: f64, count: usize) -> std::ops::Range<usize> {
@@ -157,12 +164,8 @@ impl DistanceField {
     /// Distance in metres from the centre of the cell that holds `point` to the nearest point of the set; `None`
     /// where there is none within the reach.
     pub fn distance(&self, point: &Point2<f64>) -> Option<f64> {
-        let Grid { columns, rows, .. } = self.grid;
-        let (column, row) = self.grid.cell_of(point);
-        if !(0..columns as i64).contains(&column) || !(0..rows as i64).contains(&row) {
-            return None;
-        }
-        let distance_sq = f64::from(self.distance_sq[row as usize * columns + column as usize]);
+        let (column, row) = self.grid.inside(point)?;
+        let distance_sq = f64::from(self.distance_sq[row * self.grid.columns + column]);
         let reach_sq = self.params.reach * self.params.reach;
         (distance_sq < reach_sq * (1.0 - 1e-6)).then(|| distance_sq.sqrt())
     }

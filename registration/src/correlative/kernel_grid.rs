@@ -52,11 +52,7 @@ impl KernelGrid {
 
     /// Kernel value of the cell that holds `point`, 0 outside.
     pub(super) fn value(&self, point: &Point2<f64>) -> f32 {
-        let (column, row) = self.grid.cell_of(point);
-        if !(0..self.grid.columns as i64).contains(&column) || !(0..self.grid.rows as i64).contains(&row) {
-            return 0.0;
-        }
-        let (column, row) = (column as usize, row as usize);
+        let Some((column, row)) = self.grid.inside(point) else { return 0.0 };
         self.values[self.start(column % self.step, row) + column / self.step]
     }
 
