@@ -6,7 +6,9 @@ use super::fractional;
 use super::incumbent::{Incumbent, START};
 use super::order::{DENSE, density, order_among};
 use super::penalties;
-use super::rows::{Set, and, and_not, closed, count, drop, first, full, is_empty, members, put, with_width};
+use super::rows::{
+    Set, and, and_not, closed, complement, count, drop, first, full, is_empty, members, put, with_width,
+};
 use super::search::{self, Problem, Rival, Within};
 use super::threads;
 use crate::graph::{Adjacency, bit_matrix::BitMatrix};
@@ -106,7 +108,8 @@ impl<'a, const W: usize> Split<'a, W> {
     /// A clique larger than all known ones, where looking for one is little against what is to come.
     fn hint(&self, meter: &mut Meter) -> Option<Vec<usize>> {
         let known = self.incumbent.to_beat(0, 0);
-        let found = penalties::search(&self.problem.matrix.apart_all(), HINT_STEPS, self.enough, meter);
+        let apart = complement::<W>(self.problem.matrix);
+        let found = penalties::search(&apart, HINT_STEPS, self.enough, meter);
         self.incumbent.raise(found.len() as u64);
         (found.len() as u64 > known).then_some(found)
     }
@@ -154,23 +157,21 @@ impl<'a, const W: usize> Split<'a, W> {
         meter: &mut Meter,
     ) -> Option<Vec<usize>> {
         // Where few vertices are joined parts are small work, and the order of the whole graph will do.
-        let near = |v: usize| {
-            let mut near = and(&part.around, &self.adjacent[v]);
-            drop(&mut near, v);
-            near
-        };
+        let near = |v: usize| count(&and(&part.around, &self.adjacent[v])) - 1;
         let size = f64::from(count(&part.around));
-        let ends: u32 = members(part.around).map(|v| count(&near(v))).sum();
-        let mut vertices: Vec<usize> = members(part.around).collect();
-        if !self.problem.counted || f64::from(ends) > DENSE * size * size {
-            vertices = order_among(vertices, |v| members(near(v)), self.problem.weights, lower);
-        }
+        let ends: u32 = members(part.around).map(near).sum();
+        let Problem { weights, counted, .. } = self.problem;
+        let vertices = if !counted || f64::from(ends) > DENSE * size * size {
+            order_among(&self.adjacent, part.around, weights, lower)
+        } else {
+            members(part.around).collect()
+        };
         let matrix = BitMatrix::gather(64 * W, &vertices, |v| &self.adjacent[v]);
-        let weights: Vec<u64> = vertices.iter().map(|&v| self.problem.weights[v]).collect();
+        let weights: Vec<u64> = vertices.iter().map(|&v| weights[v]).collect();
         if weights.iter().sum::<u64>() <= lower {
             return None;
         }
-        let problem = Problem { matrix: &matrix, weights: &weights, counted: self.problem.counted };
+        let problem = Problem { matrix: &matrix, weights: &weights, counted };
         let found = search::search(problem, lower, enough, rival, meter)?;
         Some(found.into_iter().map(|v| vertices[v]).collect())
     }

@@ -22,9 +22,10 @@ pub(super) fn search<const W: usize>(
     hint: &dyn Fn() -> Option<Vec<usize>>,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let (root, enough) = (State::<W>::of(apart), isize::try_from(enough).unwrap_or(isize::MAX));
+    let (mut root, enough) = (State::<W>::of(apart), isize::try_from(enough).unwrap_or(isize::MAX));
     let lower = lower as isize;
     let mut tools = Tools::new(meter, AT_ONCE);
+    tools.reduce(&mut root);
     let at_once = solve(root.clone(), lower, enough, &mut tools);
     let log = if tools.patience > 0 {
         at_once

@@ -150,35 +150,43 @@ impl<const W: usize> State<W> {
     }
 
     /// Whether some largest independent set does without `v`.
+    ///
+    /// If all such sets hold `v`, they hold what a neighbour of the set so far sees outside alone, and so on; without `v` a
+    /// neighbour that sees nothing outside would do as well. Only neighbours whose outside changed are looked at again.
     #[inline(always)]
     fn is_unconfined(&self, v: usize) -> bool {
-        let mut inside = empty::<W>();
-        put(&mut inside, v);
-        let mut border = self.around(v);
+        let (mut border, mut several) = (self.around(v), empty::<W>());
+        let (mut pending, mut single) = (border, empty::<W>());
         let mut open = and_not(&self.alive, &border);
         drop(&mut open, v);
-        let mut single = true;
         loop {
-            let mut extension = None;
-            let mut rest = border;
-            while let Some(u) = first(&rest) {
-                drop(&mut rest, u);
-                if !single && count(&and(&self.apart[u], &inside)) != 1 {
-                    continue;
-                }
+            while let Some(u) = first(&pending) {
+                drop(&mut pending, u);
                 let outside = and(&self.apart[u], &open);
-                let Some(w) = first(&outside) else { return true };
-                if extension.is_none() && is_single(&outside) {
-                    extension = Some(w);
+                if is_empty(&outside) {
+                    return true;
+                }
+                if is_single(&outside) {
+                    put(&mut single, u);
                 }
             }
-            let Some(w) = extension else { return false };
-            single = false;
-            put(&mut inside, w);
+            let Some(u) = first(&single) else { return false };
+            drop(&mut single, u);
+            let Some(w) = first(&and(&self.apart[u], &open)) else { return true };
+            // What is next to two of the set says nothing any more.
             let around = self.around(w);
+            several = or(&several, &and(&border, &around));
             border = or(&border, &around);
-            open = and_not(&open, &around);
-            drop(&mut open, w);
+            let mut closed = and(&around, &open);
+            put(&mut closed, w);
+            open = and_not(&open, &closed);
+            pending = around;
+            while let Some(x) = first(&closed) {
+                drop(&mut closed, x);
+                pending = or(&pending, &self.apart[x]);
+            }
+            pending = and_not(&and(&pending, &border), &several);
+            single = and_not(&single, &several);
         }
     }
 

@@ -5,7 +5,7 @@ use super::greedy::extend;
 use super::local_search;
 use super::order::{DENSE, density, matters, order_above};
 use super::peels::Peels;
-use super::rows::{closed, full, with_width};
+use super::rows::{closed, complement, full, spread, with_width};
 use super::search::Problem;
 use super::{by_vertex, complement_parts};
 use crate::graph::{
@@ -43,7 +43,7 @@ pub(super) fn heavier_in_order(
     let dense = density(matrix) > DENSE;
     let moves = if dense { LOCAL_MOVES } else { EASY_MOVES.min(n * n / 8) };
     let steps = (LOCAL_STEPS * n).min(moves / (1 + missing_degree(matrix) as usize));
-    let start = local_search::improve(&matrix.apart_all(), weights, &start, steps, enough);
+    let start = with_width!(matrix.words(), improved(matrix, weights, &start, steps, enough));
     let weight: u64 = start.iter().map(|&v| weights[v]).sum();
     if weight >= enough {
         return Some(start);
@@ -56,6 +56,16 @@ pub(super) fn heavier_in_order(
     let kept = order_above(matrix, weights, lower);
     let found = exactly(&matrix.select(&kept), &pick(weights, &kept), lower, enough, meter);
     found.map(|clique| clique.into_iter().map(|v| kept[v]).collect()).or(best)
+}
+
+fn improved<const W: usize>(
+    matrix: &BitMatrix,
+    weights: &[u64],
+    start: &[usize],
+    steps: usize,
+    enough: u64,
+) -> Vec<usize> {
+    local_search::improve(&complement::<W>(matrix), weights, start, steps, enough)
 }
 
 fn pick(weights: &[u64], vertices: &[usize]) -> Vec<u64> {
@@ -88,11 +98,15 @@ pub(super) fn larger_near(
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
     let hint = || {
-        let (ones, steps) = (vec![1; apart.len()], NEAR_STEPS * apart.len());
-        let better = local_search::improve(apart, &ones, &start(), steps, enough as u64);
+        let better = with_width!(words_for(apart.len()), improved_near(apart, &start(), enough));
         (better.len() >= enough).then_some(better)
     };
     sparse_complement(apart, lower, enough, &hint, meter)
+}
+
+fn improved_near<const W: usize>(apart: &Apart, start: &[usize], enough: usize) -> Vec<usize> {
+    let (ones, steps) = (vec![1; apart.len()], NEAR_STEPS * apart.len());
+    local_search::improve(&spread::<W>(apart), &ones, start, steps, enough as u64)
 }
 
 /// Whether a graph with so many vertices and pairs that are not joined is searched through its complement.

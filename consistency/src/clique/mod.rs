@@ -31,6 +31,7 @@ mod peels;
 mod penalties;
 mod rows;
 mod search;
+mod tally;
 mod threads;
 
 pub use budget::Budget;

@@ -1,39 +1,72 @@
 //! Orders of colouring, and which vertices matter.
 
+use pulp::{Arch, NullaryFnOnce};
+
+use super::rows::{Set, and, closed, drop, full, members, with_width};
+use super::tally::Tally;
 use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 
 /// The order of colouring, without vertices that are in no clique heavier than `lower`.
 pub(super) fn order_above(matrix: &BitMatrix, weights: &[u64], lower: u64) -> Vec<usize> {
-    order_among((0..matrix.len()).collect(), |v| matrix.neighbors(v), weights, lower)
+    with_width!(matrix.words(), order_wide(matrix, weights, lower))
 }
 
-/// The order of colouring of some `vertices`, of which `near` are joined to each: last the one with the lightest
-/// neighbourhood, before it the one with the lightest without that, and so on; of several the one whose neighbours have
-/// the lightest neighbourhoods. Vertices that are in no clique heavier than `lower` are left out.
+fn order_wide<const W: usize>(matrix: &BitMatrix, weights: &[u64], lower: u64) -> Vec<usize> {
+    order_among(&closed::<W>(matrix), full(matrix.len()), weights, lower)
+}
+
+/// The order of colouring of some `vertices`: last the one with the lightest neighbourhood, before it the one with the
+/// lightest without that, and so on; of several the one whose neighbours have the lightest neighbourhoods. Vertices that
+/// are in no clique heavier than `lower` are left out. Rows of `adjacent` hold their own vertex too.
 ///
 /// **Source**: the minimum width order with ties broken by the degrees of the neighbours of Tomita and Kameda, *An
 /// efficient branch-and-bound algorithm for finding a maximum clique with computational experiments*, 2007; the ties
 /// are ranked once, in the whole graph.
-pub(super) fn order_among<I: Iterator<Item = usize>>(
-    vertices: Vec<usize>,
-    near: impl Fn(usize) -> I,
+pub(super) fn order_among<const W: usize>(
+    adjacent: &[Set<W>],
+    vertices: Set<W>,
     weights: &[u64],
     lower: u64,
 ) -> Vec<usize> {
-    let (mut left, mut around) = (vertices, vec![0u64; weights.len()]);
-    left.iter().for_each(|&v| around[v] = near(v).map(|u| weights[u]).sum());
-    let matters: Vec<bool> =
-        (0..weights.len()).map(|v| weights[v] > 0 && weights[v] + around[v] > lower).collect();
-    left.sort_by_cached_key(|&v| near(v).map(|u| around[u]).fold(0, u64::saturating_add));
-    let mut order = Vec::with_capacity(left.len());
-    while let Some(at) = (0..left.len()).min_by_key(|&i| around[left[i]]) {
-        let v = left.remove(at);
-        near(v).for_each(|u| around[u] = around[u].saturating_sub(weights[v]));
-        order.push(v);
+    Arch::new().dispatch(Order { adjacent, vertices, weights, lower })
+}
+
+struct Order<'a, const W: usize> {
+    adjacent: &'a [Set<W>],
+    vertices: Set<W>,
+    weights: &'a [u64],
+    lower: u64,
+}
+
+impl<const W: usize> NullaryFnOnce for Order<'_, W> {
+    type Output = Vec<usize>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<usize> {
+        let Self { adjacent, vertices, weights, lower } = self;
+        let near = |v: usize, among: &Set<W>| {
+            let mut near = and(&adjacent[v], among);
+            drop(&mut near, v);
+            near
+        };
+        let mut around = Tally::new();
+        members(vertices).for_each(|v| around.add(&near(v, &vertices), weights[v]));
+        let mut matters = vec![false; adjacent.len()];
+        members(vertices).for_each(|v| matters[v] = weights[v] > 0 && weights[v] + around.of(v) > lower);
+        let mut ranked: Vec<usize> = members(vertices).collect();
+        ranked.sort_by_cached_key(|&v| around.total(&near(v, &vertices)));
+        let mut rank = vec![0u32; adjacent.len()];
+        ranked.iter().zip(0..).for_each(|(&v, at)| rank[v] = at);
+        let (mut left, mut order) = (vertices, Vec::with_capacity(ranked.len()));
+        while let Some(v) = members(around.least(&left)).min_by_key(|&v| rank[v]) {
+            drop(&mut left, v);
+            around.subtract(&near(v, &left), weights[v]);
+            order.push(v);
+        }
+        order.retain(|&v| matters[v]);
+        order.reverse();
+        order
     }
-    order.retain(|&v| matters[v]);
-    order.reverse();
-    order
 }
 
 /// Weight of all neighbours.

@@ -1,6 +1,6 @@
 use super::budget::Meter;
 use super::held::Held;
-use crate::graph::bit_matrix::Apart;
+use super::rows::{Set, and_not, drop, empty, members, put};
 
 /// A large clique, found by a search that learns which vertices lead it astray.
 ///
@@ -13,90 +13,94 @@ use crate::graph::bit_matrix::Apart;
 ///
 /// **Source**: Pullan and Hoos, *Dynamic Local Search for the Maximum Clique Problem*, 2006; the share of penalised
 /// vertices is that of Pullan, *Phased local search for the maximum clique problem*, 2006. Ties are random there.
-pub(super) fn search(apart: &Apart, steps: u64, enough: u64, meter: &mut Meter) -> Vec<usize> {
+pub(super) fn search<const W: usize>(
+    apart: &[Set<W>],
+    steps: u64,
+    enough: u64,
+    meter: &mut Meter,
+) -> Vec<usize> {
     let (n, ones) = (apart.len(), vec![1; apart.len()]);
     let mut search = Penalties {
         held: Held::new(apart, &ones, &[]),
         steps,
         enough,
         penalty: vec![0; n],
-        round: 1,
-        used: vec![0; n],
+        used: empty(),
         last: 0,
         delay: 2,
         rounds: 0,
-        best: Vec::new(),
+        best: empty(),
+        largest: 0,
     };
     while search.goes_on() && meter.look() {
         search.climb();
         search.penalise();
         search.restart();
     }
-    search.best
+    members(search.best).collect()
 }
 
 /// Share of the vertices that are to have a penalty.
 const PENALISED: f64 = 0.75;
 
-struct Penalties<'a> {
-    held: Held<'a>,
+struct Penalties<'a, const W: usize> {
+    held: Held<'a, W>,
     steps: u64,
     enough: u64,
     penalty: Vec<u32>,
-    round: u64,
-    /// Round in which a vertex moved last; it moves once a round.
-    used: Vec<u64>,
+    /// Vertices that moved in this round; each moves once a round.
+    used: Set<W>,
     last: usize,
     /// Rounds from one decay to the next, and those since the last.
     delay: u64,
     rounds: u64,
-    best: Vec<usize>,
+    best: Set<W>,
+    largest: usize,
 }
 
-impl Penalties<'_> {
+impl<const W: usize> Penalties<'_, W> {
     fn goes_on(&self) -> bool {
-        self.held.now < self.steps && (self.best.len() as u64) < self.enough
+        self.held.now < self.steps && (self.largest as u64) < self.enough
     }
 
     /// Adds and swaps vertices until none may move or nothing is left of the clique.
     fn climb(&mut self) {
         loop {
-            while let Some(v) = self.pick(self.held.fit()) {
+            while let Some(v) = self.pick(self.held.open().0) {
                 self.put_in(v);
             }
-            if self.held.members().len() > self.best.len() {
-                self.best = self.held.members().iter().map(|&v| v as usize).collect();
+            let (since, mut shared) = (self.held.now, self.held.size());
+            if shared > self.largest {
+                (self.best, self.largest) = (self.held.members(), shared);
             }
-            let (since, mut shared) = (self.held.now, self.held.members().len());
             while shared > 0
-                && self.pick(self.held.fit()).is_none()
-                && let Some(v) = self.pick(self.held.near())
+                && self.pick(self.held.open().0).is_none()
+                && let Some(v) = self.pick(self.held.open().1)
             {
                 let Some(gone) = self.held.misses(v) else { break };
                 shared -= usize::from(self.held.moved(gone) <= since);
-                self.used[gone] = self.round;
+                put(&mut self.used, gone);
                 self.put_in(v);
             }
-            if !self.goes_on() || self.pick(self.held.fit()).is_none() {
+            if !self.goes_on() || self.pick(self.held.open().0).is_none() {
                 return;
             }
         }
     }
 
-    fn pick(&self, among: &[u32]) -> Option<usize> {
-        let free = among.iter().map(|&v| v as usize).filter(|&v| self.used[v] != self.round);
-        free.min_by_key(|&v| (self.penalty[v], self.held.moved(v), v))
+    fn pick(&self, among: Set<W>) -> Option<usize> {
+        members(and_not(&among, &self.used)).min_by_key(|&v| (self.penalty[v], self.held.moved(v), v))
     }
 
     fn put_in(&mut self, v: usize) {
         self.held.now += 1;
         self.held.swap_in(v);
-        self.used[v] = self.round;
+        put(&mut self.used, v);
         self.last = v;
     }
 
     fn penalise(&mut self) {
-        self.held.members().iter().for_each(|&v| self.penalty[v as usize] += 1);
+        members(self.held.members()).for_each(|v| self.penalty[v] += 1);
         self.rounds += 1;
         if self.rounds < self.delay {
             return;
@@ -113,12 +117,12 @@ impl Penalties<'_> {
 
     /// Leaves the vertex that came in last; without penalties that last, brings one in that rested.
     fn restart(&mut self) {
-        self.round += 1;
+        self.used = empty();
         self.held.now += 1;
         if self.delay > 1 {
-            let gone: Vec<u32> =
-                self.held.members().iter().copied().filter(|&v| v as usize != self.last).collect();
-            gone.into_iter().for_each(|v| self.held.drop(v as usize));
+            let mut gone = self.held.members();
+            drop(&mut gone, self.last);
+            members(gone).for_each(|v| self.held.drop(v));
         } else if let Some(v) = self.held.longest_outside() {
             self.held.swap_in(v);
             self.last = v;
@@ -128,6 +132,7 @@ impl Penalties<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::rows::complement;
     use super::*;
     use crate::clique::{Budget, maximum};
     use crate::graph::{Adjacency, Graph};
@@ -151,7 +156,7 @@ mod tests {
         for seed in 0..10 {
             let graph = with_hidden_clique(100, 15, &mut ChaCha8Rng::seed_from_u64(seed));
             let best = maximum(&graph, &Budget::UNLIMITED).value;
-            let found = search(&graph.matrix().apart_all(), 50_000, 100, &mut Meter::unlimited());
+            let found = search(&complement::<2>(graph.matrix()), 50_000, 100, &mut Meter::unlimited());
             assert!(graph.is_clique(&found) && found.len() == best, "seed {seed}: {} of {best}", found.len());
         }
     }
@@ -160,10 +165,10 @@ mod tests {
     fn degenerate_graphs_end() {
         for n in 0..4 {
             let empty = Graph::from_edges(n, []).unwrap();
-            let found = search(&empty.matrix().apart_all(), 100, 9, &mut Meter::unlimited());
+            let found = search(&complement::<2>(empty.matrix()), 100, 9, &mut Meter::unlimited());
             assert_eq!(found.len(), n.min(1));
             let complete = Graph::from_edges(n, (0..n).flat_map(|a| (0..a).map(move |b| (a, b)))).unwrap();
-            let found = search(&complete.matrix().apart_all(), 100, 9, &mut Meter::unlimited());
+            let found = search(&complement::<2>(complete.matrix()), 100, 9, &mut Meter::unlimited());
             assert_eq!(found.len(), n);
         }
     }

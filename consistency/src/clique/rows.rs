@@ -109,6 +109,12 @@ pub(super) fn closed<const W: usize>(matrix: &BitMatrix) -> Vec<Set<W>> {
     (0..matrix.len()).map(wide).collect()
 }
 
+/// The same, of the vertices that each is not joined to.
+pub(super) fn complement<const W: usize>(matrix: &BitMatrix) -> Vec<Set<W>> {
+    let all = full::<W>(matrix.len());
+    closed(matrix).iter().map(|near| and_not(&all, near)).collect()
+}
+
 /// The edges of a complement as rows.
 pub(super) fn spread<const W: usize>(apart: &Apart) -> Vec<Set<W>> {
     let row = |v: usize| {

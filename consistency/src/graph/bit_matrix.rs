@@ -39,8 +39,14 @@ impl BitMatrix {
     /// Joins two known vertices.
     #[inline]
     pub(crate) fn join(&mut self, a: usize, b: usize) {
-        bits::insert(self.row_mut(a), b);
-        bits::insert(self.row_mut(b), a);
+        self.direct(a, b);
+        self.direct(b, a);
+    }
+
+    /// One half of [`BitMatrix::join`].
+    #[inline]
+    pub(super) fn direct(&mut self, from: usize, to: usize) {
+        bits::insert(&mut self.rows, 64 * self.words * from + to);
     }
 
     /// Parts two known vertices.
@@ -90,9 +96,11 @@ impl BitMatrix {
         let mut matrix = Self::new(vertices.len());
         for (i, &v) in vertices.iter().enumerate() {
             let row = matrix.row_mut(i);
-            for u in graph.neighbors(v).filter(|&u| place[u] != u32::MAX) {
-                bits::insert(row, place[u] as usize);
-            }
+            graph.neighbors(v).map(|u| place[u]).for_each(|u| {
+                if u != u32::MAX {
+                    bits::insert(row, u as usize);
+                }
+            });
         }
         vertices.iter().for_each(|&v| place[v] = u32::MAX);
         matrix

@@ -41,16 +41,18 @@ pub(crate) fn degeneracy_while<A: Adjacency>(graph: &A, mut go_on: impl FnMut() 
             break;
         }
         let v = order[i];
-        for u in graph.neighbors(v) {
-            if degree[u] > degree[v] {
-                let first = start[degree[u]];
+        let own = degree[v];
+        graph.neighbors(v).for_each(|u| {
+            let near = degree[u];
+            if near > own {
+                let first = start[near];
                 let w = order[first];
                 order.swap(first, place[u]);
                 place.swap(u, w);
-                start[degree[u]] += 1;
-                degree[u] -= 1;
+                start[near] += 1;
+                degree[u] = near - 1;
             }
-        }
+        });
     }
     Degeneracy { order, core: degree }
 }

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use super::SparseGraph;
+use super::{SparseGraph, bit_matrix::BitMatrix};
 use crate::Error;
 
 /// Reads a DIMACS clique file (`c` comment, `p col|edge n m`, `e u v`, `n v weight`), vertices from one.
@@ -19,9 +19,7 @@ pub fn read_dimacs(path: &Path) -> Result<SparseGraph, Error> {
 /// # Errors
 /// [`Error::Parse`] with the line: no `p` line or two, an unknown line type, numbers out of range, a self loop.
 pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
-    let mut vertices = None;
-    let mut arcs = Vec::new();
-    let mut join = |u: usize, v: usize| arcs.extend([(u as u32, v as u32), (v as u32, u as u32)]);
+    let (mut vertices, mut edges) = (None, Edges::Arcs(Vec::new()));
     let mut weights: Vec<(usize, f64)> = Vec::new();
     let (mut at, mut line) = (0, 0);
     while at < text.len() {
@@ -32,7 +30,7 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
             && (1..=n).contains(&u)
             && (1..=n).contains(&v)
         {
-            join(u - 1, v - 1);
+            edges.join(u - 1, v - 1);
             at += length;
             continue;
         }
@@ -50,6 +48,7 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
                     return Err(fail(&format!("{n} vertices; at most {MAX_VERTICES} are read")));
                 }
                 vertices = Some(n);
+                edges = Edges::among(n, text.len());
             }
             Some(kind @ ("e" | "n")) => {
                 let n = vertices.ok_or_else(|| fail("before the `p` line"))?;
@@ -59,7 +58,7 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
                     if u == v {
                         return Err(fail(&format!("vertex {} has an edge to itself", u + 1)));
                     }
-                    join(u, v);
+                    edges.join(u, v);
                 } else {
                     let weight = words.next().and_then(|w| w.parse::<f64>().ok());
                     match weight.filter(|w| w.is_finite() && *w >= 0.0) {
@@ -75,10 +74,40 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
         vertices.ok_or_else(|| Error::Parse { line: text.lines().count(), reason: "no `p` line".into() })?;
     let mut all = vec![1.0; n];
     weights.into_iter().for_each(|(v, weight)| all[v] = weight);
-    Ok(SparseGraph::from_arcs(&arcs, all))
+    Ok(match edges {
+        Edges::Rows(rows) => SparseGraph::from_rows(&rows, all),
+        Edges::Arcs(arcs) => SparseGraph::from_arcs(&arcs, all),
+    })
+}
+
+/// Edges read so far.
+enum Edges {
+    /// As bits, where all rows together are no larger than the text.
+    Rows(BitMatrix),
+    /// Each in both directions.
+    Arcs(Vec<(u32, u32)>),
+}
+
+impl Edges {
+    fn among(vertices: usize, text: usize) -> Self {
+        if vertices.saturating_mul(vertices) <= 8 * text {
+            Self::Rows(BitMatrix::new(vertices))
+        } else {
+            Self::Arcs(Vec::new())
+        }
+    }
+
+    #[inline(always)]
+    fn join(&mut self, u: usize, v: usize) {
+        match self {
+            Self::Rows(rows) => rows.join(u, v),
+            Self::Arcs(arcs) => arcs.extend([(u as u32, v as u32), (v as u32, u as u32)]),
+        }
+    }
 }
 
 /// The numbers of a plain line `e u v` at the front of `text`, and the length of that line with its end.
+#[inline(always)]
 fn edge(text: &[u8]) -> Option<(usize, usize, usize)> {
     let mut at = text.starts_with(b"e ").then_some(2)?;
     let u = decimal(text, &mut at)?;
@@ -89,22 +118,19 @@ fn edge(text: &[u8]) -> Option<(usize, usize, usize)> {
 }
 
 /// The decimal number at `at`, which moves behind it; `None` if there is none, or a long one.
+#[inline(always)]
 fn decimal(text: &[u8], at: &mut usize) -> Option<usize> {
     const DIGITS: usize = 9;
-    let (mut value, mut length) = (0, 0);
-    for byte in text.get(*at..)? {
+    let (begin, mut value) = (*at, 0u64);
+    while let Some(byte) = text.get(*at) {
         let digit = byte.wrapping_sub(b'0');
         if digit > 9 {
             break;
         }
-        if length == DIGITS {
-            return None;
-        }
-        value = 10 * value + u32::from(digit);
-        length += 1;
+        value = value.wrapping_mul(10) + u64::from(digit);
+        *at += 1;
     }
-    *at += length;
-    (length > 0).then_some(value as usize)
+    (1..=DIGITS).contains(&(*at - begin)).then_some(value as usize)
 }
 
 /// Largest number of vertices a file may declare: a hostile header must not exhaust the memory.

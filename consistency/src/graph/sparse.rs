@@ -1,4 +1,4 @@
-use super::{Adjacency, bits};
+use super::{Adjacency, bit_matrix::BitMatrix};
 use crate::Error;
 
 /// Undirected graph as sorted neighbour lists and a weight a vertex; memory `O(n + m)`.
@@ -75,12 +75,18 @@ impl SparseGraph {
 
     /// The same by way of bit rows, which need no more memory than the arcs.
     fn from_many_arcs(arcs: &[(u32, u32)], weights: Vec<f64>) -> Self {
-        let words = bits::words_for(weights.len());
-        let mut rows = vec![0; weights.len() * words];
-        arcs.iter().for_each(|&(a, b)| bits::insert(&mut rows[a as usize * words..], b as usize));
-        let (mut starts, mut neighbors) = (vec![0], Vec::with_capacity(arcs.len()));
-        for row in rows.chunks_exact(words.max(1)) {
-            neighbors.extend(bits::iter(row).map(|v| v as u32));
+        let mut rows = BitMatrix::new(weights.len());
+        arcs.iter().for_each(|&(a, b)| rows.direct(a as usize, b as usize));
+        Self::from_rows(&rows, weights)
+    }
+
+    /// The graph of bit rows, one a weight.
+    pub(super) fn from_rows(rows: &BitMatrix, weights: Vec<f64>) -> Self {
+        let arcs = (0..weights.len()).map(|v| rows.degree(v)).sum();
+        let (mut starts, mut neighbors) = (Vec::with_capacity(weights.len() + 1), Vec::with_capacity(arcs));
+        starts.push(0);
+        for v in 0..weights.len() {
+            rows.neighbors(v).for_each(|u| neighbors.push(u as u32));
             starts.push(neighbors.len());
         }
         Self { starts, neighbors, weights }
