@@ -151,8 +151,9 @@ impl<const W: usize> State<W> {
 
     /// Whether some largest independent set does without `v`.
     ///
-    /// If all such sets hold `v`, they hold what a neighbour of the set so far sees outside alone, and so on; without `v` a
-    /// neighbour that sees nothing outside would do as well. Only neighbours whose outside changed are looked at again.
+    /// If all of them hold `v`, they hold with it each vertex that some neighbour of a single member has alone outside of
+    /// these and their neighbours; a neighbour of a single member that has none there could take its place. Only
+    /// neighbours for which that may have changed are looked at again.
     #[inline(always)]
     fn is_unconfined(&self, v: usize) -> bool {
         let (mut border, mut several) = (self.around(v), empty::<W>());
