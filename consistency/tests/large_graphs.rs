@@ -69,3 +69,19 @@ fn a_graph_that_grows_too_large_is_refused_and_stays_sound() {
     assert!(matches!(cliques.insert(&[300]), Err(Error::UnknownVertex { vertex: 300, .. })));
     assert_eq!((cliques.graph().len(), cliques.best().value), (300, 1));
 }
+
+#[test]
+fn a_step_through_more_vertices_than_one_search_takes_is_exact() {
+    let (core, mut cliques) = (4_100, Incremental::new(Budget::UNLIMITED));
+    for v in 0..core {
+        cliques.insert(&(0..v).collect::<Vec<_>>()).unwrap();
+    }
+    // Each of these could stand in for one vertex of the core, so none makes the clique larger.
+    for apart in 0..3 {
+        let near: Vec<usize> = (0..core + apart).filter(|&v| v != apart).collect();
+        let best = cliques.insert(&near).unwrap();
+        assert_eq!((best.value, best.optimal), (core, true));
+    }
+    let all: Vec<usize> = (3..core + 3).collect();
+    assert_eq!(cliques.insert(&all).unwrap().value, core + 1);
+}

@@ -3,6 +3,7 @@ use pulp::{Arch, NullaryFnOnce};
 use super::budget::{Budget, Meter};
 use super::dense;
 use super::fixed_point::FixedPoint;
+use super::maximum::{self, DENSE_LIMIT};
 use super::outcome::Outcome;
 use crate::Error;
 use crate::graph::{Adjacency, Graph, bits};
@@ -205,6 +206,8 @@ impl Growing {
         let n = among.len();
         let found = if n <= lower {
             None
+        } else if n > DENSE_LIMIT {
+            maximum::larger_of(&self.graph.matrix().select(&among), lower, enough, meter)
         } else if dense::is_near_clique(n, (n * (n - 1) - ends) / 2) {
             let inside = |v: &usize| among.binary_search(v).ok();
             let start = || self.best.vertices.iter().filter_map(inside).collect();
@@ -233,11 +236,13 @@ impl Growing {
         let lower = known.saturating_sub(own);
         self.thin_weighed(&mut among, integer, lower);
         let weights: Vec<u64> = among.iter().map(|&v| integer(v)).collect();
-        let found = if weights.iter().sum::<u64>() > lower {
+        let found = if weights.iter().sum::<u64>() <= lower {
+            None
+        } else if among.len() > DENSE_LIMIT {
+            maximum::heavier(&self.graph.matrix().select(&among), &weights, lower, meter)
+        } else {
             let matrix = self.graph.matrix().select(&among);
             dense::heavier_at_once(&matrix, &weights, lower, NO_LIMIT, meter)
-        } else {
-            None
         };
         match found {
             Some(found) => Some(named(&found, &among, fixed)),

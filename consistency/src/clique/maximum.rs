@@ -53,7 +53,18 @@ fn colour_bound<A: Adjacency>(graph: &A, kept: &[usize], weights: &[u64], upper:
 }
 
 /// Largest graph searched as a whole.
-const DENSE_LIMIT: usize = 64 * MAX_WORDS;
+pub(super) const DENSE_LIMIT: usize = 64 * MAX_WORDS;
+
+/// The same as [`larger`] for a graph whose cores are not known.
+pub(super) fn larger_of<A: Adjacency>(
+    graph: &A,
+    lower: usize,
+    enough: usize,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
+    let cores = degeneracy_while(graph, || meter.look());
+    larger(graph, &cores, lower, enough, meter)
+}
 
 /// A clique of more than `lower` vertices: the largest, or one of at least `enough`; or `None`.
 fn larger<A: Adjacency>(
@@ -85,13 +96,9 @@ fn larger<A: Adjacency>(
             let ones = vec![1; around.len()];
             dense::heavier(&later.matrix(&around), &ones, rest as u64, enough as u64 - 1, meter)
         } else if later.is_dense(&around) {
-            let part = later.matrix(&around);
-            let cores = degeneracy_while(&part, || meter.look());
-            larger(&part, &cores, rest, enough - 1, meter)
+            larger_of(&later.matrix(&around), rest, enough - 1, meter)
         } else {
-            let part = later.sparse(&around);
-            let cores = degeneracy_while(&part, || meter.look());
-            larger(&part, &cores, rest, enough - 1, meter)
+            larger_of(&later.sparse(&around), rest, enough - 1, meter)
         };
         if let Some(found) = found {
             known = found.len() + 1;
@@ -146,7 +153,12 @@ pub fn maximum_weight<A: Adjacency>(graph: &A, budget: &Budget) -> Outcome<f64> 
 }
 
 /// The heaviest clique if heavier than `lower`.
-fn heavier<A: Adjacency>(graph: &A, weights: &[u64], lower: u64, meter: &mut Meter) -> Option<Vec<usize>> {
+pub(super) fn heavier<A: Adjacency>(
+    graph: &A,
+    weights: &[u64],
+    lower: u64,
+    meter: &mut Meter,
+) -> Option<Vec<usize>> {
     let pick = |vertices: &[usize]| vertices.iter().map(|&v| weights[v]).collect::<Vec<u64>>();
     let around = |v: usize| weights[v] + graph.neighbors(v).map(|u| weights[u]).sum::<u64>();
     let kept: Vec<usize> = (0..graph.len()).filter(|&v| weights[v] > 0 && around(v) > lower).collect();
