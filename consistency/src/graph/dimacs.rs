@@ -127,7 +127,7 @@ fn decimal(text: &[u8], at: &mut usize) -> Option<usize> {
         if digit > 9 {
             break;
         }
-        value = value.wrapping_mul(10) + u64::from(digit);
+        value = value.wrapping_mul(10).wrapping_add(u64::from(digit));
         *at += 1;
     }
     (1..=DIGITS).contains(&(*at - begin)).then_some(value as usize)
