@@ -1,9 +1,9 @@
 use draco_lie::GaussianPose2;
-use nalgebra::{Isometry2, Point2};
+use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::ConsensusParams;
 use super::alike::Alike;
-use super::continuation::{ONE_STRUCTURE, continues};
+use super::continuation::{APART, Continuation};
 use super::evidence::{Explanation, middle, refine, ties};
 use super::hypotheses::{Ray, hypotheses, rays};
 use super::polish::polish;
@@ -124,15 +124,15 @@ fn sort(found: &mut [Explanation]) {
     found.sort_by(|x, y| y.log_evidence.total_cmp(&x.log_evidence));
 }
 
-/// Explanations, the best first, of which it is asked whether a structure goes on: more than come near the best.
-const CANDIDATES: usize = 30;
-
-/// Adds the evidence of explanations under which the structure of one map goes on in the other.
-fn favour_one_structure(problem: &Problem, shifts: &[Isometry2<f64>], found: &mut [Explanation]) {
-    for explanation in found.iter_mut().take(CANDIDATES) {
-        if continues(problem, shifts, explanation) {
-            explanation.log_evidence += ONE_STRUCTURE;
-        }
+/// Adds to the evidence of explanations, the best first, what the way in which both maps' structures lie tells; of those that it
+/// cannot bring near the best it is not asked.
+fn favour_one_structure(problem: &Problem, shifts: &[Vector2<f64>], found: &mut [Explanation]) {
+    let Some(continuation) = Continuation::new(problem, shifts) else { return };
+    let mut best = f64::NEG_INFINITY;
+    for explanation in found.iter_mut() {
+        let hopeless = explanation.log_evidence + Continuation::MOST < best - WITHIN_REACH;
+        explanation.log_evidence += if hopeless { APART } else { continuation.log_odds(explanation) };
+        best = best.max(explanation.log_evidence);
     }
     sort(found);
 }
