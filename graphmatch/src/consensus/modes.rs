@@ -40,17 +40,20 @@ pub fn consensus(
 /// Evidence, in nats, behind the best that no detection term makes up for.
 const HOPELESS: f64 = 20.0;
 
-/// Pairs of repeated objects that are tried as pivots. Each turns the map by whole shifts of its structure, as its
-/// neighbours do; which shift it is, only pairs of other objects tell, and those are all tried.
-const REPEATED_PIVOTS: usize = 600;
+/// Pairs of repeated objects that are tried as pivots, times the objects of map 1 that each looks at: what a large map may cost. All
+/// pairs of forty pilings; of 150 six hundred. Each turns the map by whole shifts of its structure, as its neighbours do; which
+/// shift it is, only pairs of other objects tell, and those are all tried.
+const REPEATED_PIVOTS: usize = 90_000;
 
-/// Objects of map 1 that are pivots even with a repeated object of map 2: all where they are few.
+/// Objects of map 1 that are pivots even with a repeated object of map 2: all where they are few, else some near the middle as
+/// well as some at the rim, where the other map may begin.
 fn pivots(problem: &Problem) -> Vec<bool> {
     let count = |repeated: &[bool]| repeated.iter().filter(|r| **r).count();
-    let partners = count(&problem.repeated2).max(1);
+    let (own, partners) = (count(&problem.repeated1), count(&problem.repeated2));
+    let wanted = REPEATED_PIVOTS.div_ceil((partners * problem.p1.len()).max(1));
     let order = central(&problem.p1).into_iter().filter(|&i| problem.repeated1[i]);
     let mut pivots: Vec<bool> = problem.repeated1.iter().map(|r| !r).collect();
-    for i in order.take(REPEATED_PIVOTS.div_ceil(partners)) {
+    for i in order.step_by(own.div_ceil(wanted).max(1)) {
         pivots[i] = true;
     }
     pivots
