@@ -12,6 +12,7 @@ mod consensus;
 mod dbscan;
 mod disjoint_sets;
 mod error;
+mod lanes;
 mod matching;
 mod object;
 mod qap;

@@ -25,7 +25,7 @@ pub struct ShapeSimilarity {
 }
 
 /// Difference of a dimension, in standard deviations, beyond which two objects are not the same.
-const GATE: f64 = 3.5;
+const GATE: f64 = 4.5;
 
 impl ShapeSimilarity {
     /// Log ratios of all pairs.

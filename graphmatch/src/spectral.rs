@@ -1,4 +1,7 @@
+use pulp::{Arch, NullaryFnOnce};
+
 use crate::Affinity;
+use crate::lanes;
 use crate::tridiagonal::largest_eigenpair;
 
 /// A principal eigenvector of an affinity.
@@ -99,7 +102,28 @@ fn largest_eigenvector(apply: impl Fn(&[f64], &mut [f64]), start: Vec<f64>) -> E
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    Arch::new().dispatch(|| lanes::dot(a, b))
+}
+
+/// Takes from a vector its shares of orthonormal ones.
+struct Orthogonalise<'a> {
+    vector: &'a mut [f64],
+    basis: &'a [Vec<f64>],
+}
+
+impl NullaryFnOnce for Orthogonalise<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        // Twice is enough: the second pass removes what rounding left of the first.
+        for _ in 0..2 {
+            for b in self.basis {
+                let share = lanes::dot(self.vector, b);
+                self.vector.iter_mut().zip(b).for_each(|(x, b)| *x -= share * b);
+            }
+        }
+    }
 }
 
 /// Scales to norm 1 and returns the norm it had.
@@ -119,13 +143,7 @@ fn lanczos(apply: &impl Fn(&[f64], &mut [f64]), from: Eigenvector) -> Eigenvecto
         let mut next = vec![0.0; basis[k].len()];
         apply(&basis[k], &mut next);
         diagonal.push(dot(&next, &basis[k]));
-        // Twice is enough: the second pass removes what rounding left of the first.
-        for _ in 0..2 {
-            for b in &basis {
-                let share = dot(&next, b);
-                next.iter_mut().zip(b).for_each(|(x, b)| *x -= share * b);
-            }
-        }
+        Arch::new().dispatch(Orthogonalise { vector: &mut next, basis: &basis });
         let beta = normalize(&mut next);
         let (value, ritz) = largest_eigenpair(&diagonal, &off);
         let residual = if value > 0.0 { beta * ritz[k].abs() / value } else { 0.0 };

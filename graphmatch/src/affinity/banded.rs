@@ -1,6 +1,9 @@
 use nalgebra::DMatrix;
 
-use super::AffinityParams;
+use pulp::{Arch, NullaryFnOnce};
+
+use super::{AffinityParams, Kernel};
+use crate::lanes::{LANES, Lanes};
 
 /// Kernel values along runs of edges of map 2, one run for each edge of map 1.
 #[derive(Debug, Clone)]
@@ -24,7 +27,7 @@ impl Banded {
     pub(super) fn new(lengths1: &DMatrix<f64>, lengths2: &DMatrix<f64>, params: &AffinityParams) -> Self {
         let (edges1, edges2) = (edges(lengths1, params.min_edge), edges(lengths2, params.min_edge));
         let reach = params.kernel.reach();
-        let (mut first, mut start, mut values) = (Vec::new(), vec![0], Vec::new());
+        let (mut first, mut start) = (Vec::new(), vec![0]);
         let (mut low, mut high) = (0, 0);
         for edge in &edges1 {
             while low < edges2.len() && edges2[low].length < edge.length - reach {
@@ -35,9 +38,18 @@ impl Banded {
                 high += 1;
             }
             first.push(low as u32);
-            values.extend(edges2[low..high].iter().map(|e| params.kernel.value(edge.length - e.length)));
-            start.push(values.len());
+            start.push(start[start.len() - 1] + high - low);
         }
+        let mut values = vec![0.0; start[start.len() - 1]];
+        let lengths = |edges: &[Edge]| -> Vec<f64> { edges.iter().map(|e| e.length).collect() };
+        Arch::new().dispatch(Values {
+            kernel: params.kernel,
+            lengths1: &lengths(&edges1),
+            lengths2: &lengths(&edges2),
+            first: &first,
+            start: &start,
+            values: &mut values,
+        });
         Self { edges1, edges2, first, start, values }
     }
 
@@ -88,6 +100,33 @@ impl Banded {
                 yj[b] += value * xi[a];
                 yi[b] += value * xj[a];
                 yj[a] += value * xi[b];
+            }
+        }
+    }
+}
+
+/// Fills in the kernel's values.
+struct Values<'a> {
+    kernel: Kernel,
+    lengths1: &'a [f64],
+    lengths2: &'a [f64],
+    first: &'a [u32],
+    start: &'a [usize],
+    values: &'a mut [f64],
+}
+
+impl NullaryFnOnce for Values<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (k, length) in self.lengths1.iter().enumerate() {
+            let run = &mut self.values[self.start[k]..self.start[k + 1]];
+            let partners = &self.lengths2[self.first[k] as usize..][..run.len()];
+            for (values, partners) in run.chunks_mut(LANES).zip(partners.chunks(LANES)) {
+                let mut differences: Lanes = [0.0; LANES];
+                differences.iter_mut().zip(partners).for_each(|(d, partner)| *d = length - partner);
+                values.copy_from_slice(&self.kernel.values(&differences)[..values.len()]);
             }
         }
     }

@@ -1,3 +1,4 @@
+use crate::lanes::{self, LANES, Lanes};
 use crate::{Error, Object};
 
 /// What a difference `Δ` of two edge lengths is worth.
@@ -43,6 +44,22 @@ impl Kernel {
             Self::Gaussian { sigma, .. } => (-0.5 * (difference / sigma).powi(2)).exp(),
             Self::Cutoff { .. } => 1.0,
         }
+    }
+
+    /// [`Kernel::value`] of differences side by side, to a few units in the last place.
+    #[inline(always)]
+    pub(super) fn values(&self, differences: &Lanes) -> Lanes {
+        let reach = self.reach();
+        let exponents = match *self {
+            Self::Laplacian { mu } => differences.map(|d| -mu * d.abs()),
+            Self::Gaussian { sigma, .. } => differences.map(|d| -0.5 * (d / sigma) * (d / sigma)),
+            Self::Cutoff { .. } => [0.0; LANES],
+        };
+        let mut values = lanes::exp(&exponents);
+        for lane in 0..LANES {
+            values[lane] = if differences[lane].abs() > reach { 0.0 } else { values[lane] };
+        }
+        values
     }
 }
 

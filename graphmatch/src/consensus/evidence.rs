@@ -82,7 +82,7 @@ pub(super) fn matches(problem: &Problem, transform: &Isometry2<f64>, gate: f64) 
         problem.buckets.around(&moved, |i| {
             let chi2 = (problem.p1[i] - moved).norm_squared() / problem.variance(i, a);
             let gain = problem.gain(i, a);
-            if chi2 <= gate * gate && gain > f64::NEG_INFINITY {
+            if chi2 <= (gate * gate).max(farther(problem, i, a)) && gain > f64::NEG_INFINITY {
                 close.push((gain - 0.5 * chi2, i, a));
             }
         });
@@ -101,6 +101,11 @@ pub(super) fn matches(problem: &Problem, transform: &Isometry2<f64>, gate: f64) 
     pairs
 }
 
+/// χ² up to which a pair's looks make up for its distance, within what the buckets reach.
+fn farther(problem: &Problem, i: usize, a: usize) -> f64 {
+    (2.0 * problem.looks(i, a)).min((2.0 * problem.params.gate).powi(2))
+}
+
 pub(super) fn ties(problem: &Problem, pairs: &[(usize, usize)]) -> Vec<Tie> {
     pairs
         .iter()
@@ -115,6 +120,17 @@ pub(super) fn ties(problem: &Problem, pairs: &[(usize, usize)]) -> Vec<Tie> {
 /// Pairs' worth of a repeated structure that falls together. As many as it takes to pin a transform: which shift
 /// of the structure it is, no number of such pairs can tell.
 pub(super) const ONCE: f64 = 2.0;
+
+/// Pairs as ties, repeated ones by their share of [`ONCE`].
+pub(super) fn weigh_repeated(problem: &Problem, pairs: &[(usize, usize)]) -> Vec<Tie> {
+    let repeated = pairs.iter().filter(|&&(i, a)| problem.is_repeated(i, a)).count();
+    let weight = (ONCE / repeated as f64).min(1.0);
+    let mut weighed = ties(problem, pairs);
+    for (tie, &(i, a)) in weighed.iter_mut().zip(pairs) {
+        tie.weight *= if problem.is_repeated(i, a) { weight } else { 1.0 };
+    }
+    weighed
+}
 
 pub(super) fn weigh(
     problem: &Problem,
@@ -141,11 +157,7 @@ pub(super) fn weigh(
     let inside = 0.5 * (common.inside1 + common.inside2);
     let log_likelihood = pair_sum + log_detection(common.inside1 + common.inside2, common.paired);
     // The peak is that of the likelihood as weighed.
-    let mut weighed = ties(problem, &pairs);
-    for (tie, &(i, a)) in weighed.iter_mut().zip(&pairs) {
-        tie.weight *= if problem.is_repeated(i, a) { weight } else { 1.0 };
-    }
-    let determinant = information(&weighed).determinant();
+    let determinant = information(&weigh_repeated(problem, &pairs)).determinant();
     if !(determinant.is_finite() && determinant > 0.0) {
         return None;
     }

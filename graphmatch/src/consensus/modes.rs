@@ -1,9 +1,9 @@
 use draco_lie::GaussianPose2;
-use nalgebra::{Isometry2, Point2};
+use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::ConsensusParams;
 use super::alike::Alike;
-use super::continuation::{ONE_STRUCTURE, continues};
+use super::continuation::{APART, Continuation};
 use super::evidence::{Explanation, middle, refine, ties};
 use super::hypotheses::{Ray, hypotheses, rays};
 use super::polish::polish;
@@ -40,17 +40,20 @@ pub fn consensus(
 /// Evidence, in nats, behind the best that no detection term makes up for.
 const HOPELESS: f64 = 20.0;
 
-/// Pairs of repeated objects that are tried as pivots. Each turns the map by whole shifts of its structure, as its
-/// neighbours do; which shift it is, only pairs of other objects tell, and those are all tried.
-const REPEATED_PIVOTS: usize = 600;
+/// Pairs of repeated objects that are tried as pivots, times the objects of map 1 that each looks at: what a large map may cost. All
+/// pairs of forty pilings; of 150 six hundred. Each turns the map by whole shifts of its structure, as its neighbours do; which
+/// shift it is, only pairs of other objects tell, and those are all tried.
+const REPEATED_PIVOTS: usize = 90_000;
 
-/// Objects of map 1 that are pivots even with a repeated object of map 2: all where they are few.
+/// Objects of map 1 that are pivots even with a repeated object of map 2: all where they are few, else some near the middle as
+/// well as some at the rim, where the other map may begin.
 fn pivots(problem: &Problem) -> Vec<bool> {
     let count = |repeated: &[bool]| repeated.iter().filter(|r| **r).count();
-    let partners = count(&problem.repeated2).max(1);
+    let (own, partners) = (count(&problem.repeated1), count(&problem.repeated2));
+    let wanted = REPEATED_PIVOTS.div_ceil((partners * problem.p1.len()).max(1));
     let order = central(&problem.p1).into_iter().filter(|&i| problem.repeated1[i]);
     let mut pivots: Vec<bool> = problem.repeated1.iter().map(|r| !r).collect();
-    for i in order.take(REPEATED_PIVOTS.div_ceil(partners)) {
+    for i in order.step_by(own.div_ceil(wanted).max(1)) {
         pivots[i] = true;
     }
     pivots
@@ -124,15 +127,15 @@ fn sort(found: &mut [Explanation]) {
     found.sort_by(|x, y| y.log_evidence.total_cmp(&x.log_evidence));
 }
 
-/// Explanations, the best first, of which it is asked whether a structure goes on: more than come near the best.
-const CANDIDATES: usize = 30;
-
-/// Adds the evidence of explanations under which the structure of one map goes on in the other.
-fn favour_one_structure(problem: &Problem, shifts: &[Isometry2<f64>], found: &mut [Explanation]) {
-    for explanation in found.iter_mut().take(CANDIDATES) {
-        if continues(problem, shifts, explanation) {
-            explanation.log_evidence += ONE_STRUCTURE;
-        }
+/// Adds to the evidence of explanations, the best first, what the way in which both maps' structures lie tells; of those that it
+/// cannot bring near the best it is not asked.
+fn favour_one_structure(problem: &Problem, shifts: &[Vector2<f64>], found: &mut [Explanation]) {
+    let Some(continuation) = Continuation::new(problem, shifts) else { return };
+    let mut best = f64::NEG_INFINITY;
+    for explanation in found.iter_mut() {
+        let hopeless = explanation.log_evidence + Continuation::MOST < best - WITHIN_REACH;
+        explanation.log_evidence += if hopeless { APART } else { continuation.log_odds(explanation) };
+        best = best.max(explanation.log_evidence);
     }
     sort(found);
 }

@@ -1,4 +1,4 @@
-use nalgebra::{Isometry2, Point2};
+use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::ConsensusParams;
 use super::alike::Alike;
@@ -7,6 +7,7 @@ use super::hypotheses::{Ray, hypotheses};
 use super::modes::same_mode;
 use super::problem::Problem;
 use crate::Object;
+use crate::disjoint_sets::DisjointSets;
 
 /// Objects tried as pivots; each lies in a strong self-match with a probability above its share.
 const PIVOTS: usize = 6;
@@ -27,7 +28,7 @@ pub(super) struct Structure {
     /// Objects that the map shows elsewhere again, in the same company.
     pub(super) repeated: Vec<bool>,
     /// Shifts that lay many objects on others, and their inverses, those of most pairs first.
-    pub(super) shifts: Vec<Isometry2<f64>>,
+    pub(super) shifts: Vec<Vector2<f64>>,
 }
 
 /// Which objects a shift or turn of the map brings onto other objects together with many more. Rows of pilings match
@@ -45,8 +46,8 @@ pub(super) fn repeated(
     let pivots = &central(&problem.p1)[..PIVOTS.min(map.len())];
     let near: Vec<Vec<Ray>> =
         rays.iter().map(|rays| rays.iter().take(NEIGHBOURS).copied().collect()).collect();
-    let mut repeated = vec![false; map.len()];
-    let mut shifts: Vec<(usize, Isometry2<f64>)> = Vec::new();
+    let mut kinds = DisjointSets::new(map.len());
+    let mut shifts: Vec<(usize, Vector2<f64>)> = Vec::new();
     let identity = Isometry2::identity();
     let moving = hypotheses(&problem, &near, &near, |i, a| i != a && pivots.contains(&i)).into_iter();
     for hypothesis in moving.take(SELF_MATCHES) {
@@ -63,12 +64,11 @@ pub(super) fn repeated(
             && pairs >= SHARE_INSIDE * found.inside;
         if strong {
             for &(i, a) in &found.pairs {
-                repeated[i] = true;
-                repeated[a] = true;
+                kinds.union(i, a);
             }
-            let moves = found.map1_from_map2;
-            let known = |(_, known): &(usize, Isometry2<f64>)| {
-                [*known, known.inverse()].iter().any(|known| same_mode(params, &centre, known, &moves))
+            let moves = shift(&problem, &found.pairs);
+            let known = |(_, known): &(usize, Vector2<f64>)| {
+                [*known, -known].iter().any(|known| (known - moves).norm() < params.mode_distance)
             };
             if angle < params.mode_angle && !shifts.iter().any(known) {
                 shifts.push((found.pairs.len(), moves));
@@ -76,8 +76,23 @@ pub(super) fn repeated(
         }
     }
     shifts.sort_by_key(|(pairs, _)| std::cmp::Reverse(*pairs));
-    let shifts = shifts.into_iter().flat_map(|(_, shift)| [shift, shift.inverse()]).collect();
-    Structure { repeated, shifts }
+    let shifts = shifts.into_iter().flat_map(|(_, shift)| [shift, -shift]).collect();
+    Structure { repeated: members(&kinds, map.len()), shifts }
+}
+
+/// The mean shift of pairs. Without the turn, which a fit leaves open by its noise and many shifts in a row would add up.
+fn shift(problem: &Problem, pairs: &[(usize, usize)]) -> Vector2<f64> {
+    pairs.iter().map(|&(i, a)| problem.p1[i] - problem.p1[a]).sum::<Vector2<f64>>() / pairs.len() as f64
+}
+
+/// Which objects are of a kind that is shown often. Two alike that one shift of the structure happens to bring together are no part
+/// of it, unless all come in twos.
+fn members(kinds: &DisjointSets, count: usize) -> Vec<bool> {
+    let roots: Vec<usize> = (0..count).map(|i| kinds.root(i)).collect();
+    let mut sizes = vec![0; count];
+    roots.iter().for_each(|&root| sizes[root] += 1);
+    let fewest = sizes.iter().copied().max().unwrap_or(0).min(3);
+    roots.iter().map(|&root| sizes[root] >= fewest.max(2)).collect()
 }
 
 /// Indices of points, the one nearest their middle first.
@@ -108,4 +123,26 @@ fn coincidences(problem: &Problem, pairs: &[(usize, usize)]) -> usize {
         }
     }
     (2 * kept.len()).saturating_sub(freedoms)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn joined(count: usize, unions: &[(usize, usize)]) -> Vec<bool> {
+        let mut kinds = DisjointSets::new(count);
+        unions.iter().for_each(|&(i, a)| kinds.union(i, a));
+        members(&kinds, count)
+    }
+
+    #[test]
+    fn two_alike_beside_a_row_are_no_part_of_it() {
+        assert_eq!(joined(6, &[(0, 1), (1, 2), (4, 5)]), [true, true, true, false, false, false]);
+    }
+
+    #[test]
+    fn a_group_that_is_shown_twice_is_repeated() {
+        assert_eq!(joined(5, &[(0, 3), (1, 4)]), [true, true, false, true, true]);
+        assert_eq!(joined(3, &[(1, 1)]), [false; 3]);
+    }
 }

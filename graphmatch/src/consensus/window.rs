@@ -36,9 +36,14 @@ impl Window {
     }
 }
 
-fn polygon_area(corners: &[Point2<f64>]) -> f64 {
+pub(super) fn polygon_area(corners: &[Point2<f64>]) -> f64 {
     let n = corners.len();
     0.5 * (0..n).map(|k| corners[k].coords.perp(&corners[(k + 1) % n].coords)).sum::<f64>()
+}
+
+pub(super) fn perimeter(corners: &[Point2<f64>]) -> f64 {
+    let n = corners.len();
+    (0..n).map(|k| (corners[(k + 1) % n] - corners[k]).norm()).sum()
 }
 
 /// Centre of a convex polygon's area, of its corners if it has none.
@@ -67,7 +72,7 @@ fn grow(hull: &[Point2<f64>], centre: &Point2<f64>, factor: f64, margin: f64) ->
 }
 
 /// Corners of the convex hull, counter-clockwise, by the monotone chain.
-fn convex_hull(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
+pub(super) fn convex_hull(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     sorted.dedup();

@@ -4,7 +4,6 @@ mod discretize;
 mod gcgc;
 mod graduated_assignment;
 mod ipfp;
-mod lanes;
 mod rrwm;
 mod sinkhorn;
 

@@ -1,7 +1,7 @@
 use pulp::{Arch, Simd, WithSimd};
 
-use super::lanes::{self, LANES};
 use super::sinkhorn::sinkhorn;
+use crate::lanes::{self, LANES};
 use crate::{Affinity, Error};
 
 /// Knobs of [`rrwm`]; defaults as in pygmtools.

@@ -1,4 +1,4 @@
-use super::lanes::{LANES, Lanes};
+use crate::lanes::{LANES, Lanes};
 
 /// Scales a positive matrix so that rows and columns sum to 1 in turn, `iterations` half steps, rows (of the side with
 /// fewer members) first. On plain numbers: entries must stay within e^±300 of each other.

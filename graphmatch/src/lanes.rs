@@ -1,15 +1,15 @@
 //! Loops over numbers side by side, so that they compile to the vectors of the machine where they are inlined under a
 //! dispatch. The order of the sums is the same on every machine.
 
-pub(super) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
 /// Numbers side by side. Loops over such arrays become whole vectors, those over slices sometimes not.
-pub(super) type Lanes = [f64; LANES];
+pub(crate) type Lanes = [f64; LANES];
 
 /// Calls `visit` with eight numbers of each of three rows at a time, which it may replace in the first; lengths are
 /// multiples of eight. (A second call for what is left over would keep `visit` from being inlined.)
 #[inline(always)]
-pub(super) fn replace(
+pub(crate) fn replace(
     x: &mut [f64],
     y: &[f64],
     z: &[f64],
@@ -24,7 +24,7 @@ pub(super) fn replace(
 
 /// Sum of all numbers; a multiple of eight.
 #[inline(always)]
-pub(super) fn sum(x: &[f64]) -> f64 {
+pub(crate) fn sum(x: &[f64]) -> f64 {
     let mut sums = [0.0; LANES];
     for chunk in x.as_chunks::<LANES>().0 {
         for lane in 0..LANES {
@@ -36,13 +36,26 @@ pub(super) fn sum(x: &[f64]) -> f64 {
 
 /// Sum of the lanes in pairs. Not inlined: the loop before would be compiled for these pairs, not for whole vectors.
 #[inline(never)]
-pub(super) fn total([a, b, c, d, e, f, g, h]: &Lanes) -> f64 {
+pub(crate) fn total([a, b, c, d, e, f, g, h]: &Lanes) -> f64 {
     ((a + e) + (c + g)) + ((b + f) + (d + h))
+}
+
+/// Scalar product.
+#[inline(always)]
+pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let ((xs, x), (ys, y)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
+    let mut sums = [0.0; LANES];
+    for (x, y) in xs.iter().zip(ys) {
+        for lane in 0..LANES {
+            sums[lane] += x[lane] * y[lane];
+        }
+    }
+    total(&sums) + x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>()
 }
 
 /// Largest number, at least 0; a multiple of eight.
 #[inline(always)]
-pub(super) fn largest(x: &[f64]) -> f64 {
+pub(crate) fn largest(x: &[f64]) -> f64 {
     let mut most = [0.0; LANES];
     for chunk in x.as_chunks::<LANES>().0 {
         for lane in 0..LANES {
@@ -67,7 +80,7 @@ const SERIES: [f64; 14] = {
 ///
 /// `x = k ln 2 + r` with a whole `k`; `eʳ` by its series, `2ᵏ` by its bits.
 #[inline(always)]
-pub(super) fn exp(x: &Lanes) -> Lanes {
+pub(crate) fn exp(x: &Lanes) -> Lanes {
     /// Adding this leaves a number rounded to a whole one, in the low bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     // ln 2 in two parts, the first short enough that its product with k is exact.
@@ -108,6 +121,7 @@ mod tests {
         let x: Vec<f64> = (0..24).map(f64::from).collect();
         assert_eq!(sum(&x), 276.0);
         assert_eq!(largest(&x), 23.0);
+        assert_eq!(dot(&x[..19], &x[1..20]), (0..19).map(|k| f64::from(k * (k + 1))).sum::<f64>());
         let mut doubled = x.clone();
         replace(&mut doubled, &x, &x, |sum, x, _| sum.iter_mut().zip(x).for_each(|(sum, x)| *sum += x));
         assert!(doubled.iter().zip(&x).all(|(d, x)| *d == 2.0 * x));
