@@ -46,7 +46,8 @@ fn precise_closures_two_to_one_have_the_odds_of_their_votes() {
     let local = (1.0 - params.sound) * (1.0 - params.gross_share) * params.slip_share;
     // the share of sound votes under Beta(w π, w (1 - π)): two of three against one of three
     let learnt = |share: f64| (params.sound_strength * share + 1.0) / (params.sound_strength * share);
-    let odds = params.sound * learnt(params.sound) / (local * learnt(1.0 - params.sound) * params.alpha);
+    let odds =
+        params.sound * learnt(params.sound) / (local * learnt(1.0 - params.sound) * params.alpha_unplaced);
     let expected = odds / (1.0 + odds);
     for (cluster, expected) in found.clusters.iter().zip([expected, expected, 1.0 - expected]) {
         let p = cluster.probability;
@@ -131,7 +132,7 @@ fn every_closure_accepted_is_of_a_group_that_is_believed() {
     for &m in &found.selection.accepted {
         let cluster = &found.clusters[found.cluster_of[m]];
         assert!(
-            cluster.members.contains(&m) && cluster.probability >= GcmParams::default().accept,
+            cluster.members.contains(&m) && cluster.probability >= GcmParams::default().accept_among,
             "{m}: {cluster:?}"
         );
     }

@@ -34,12 +34,15 @@ fn set(params: &mut GcmParams, assignment: &str) -> Option<()> {
     let value: f64 = value.parse().ok()?;
     match name {
         "accept" => params.accept = value,
+        "wrong_share" => params.wrong_share = value,
+        "accept_among" => params.accept_among = value,
         "sound" => params.sound = value,
         "sound_strength" => params.sound_strength = value,
         "least_slip" => params.least_slip = value,
         "drift_most" => params.drift_most = value,
         "drift_doubt" => params.drift_doubt = value,
         "alpha" => params.alpha = value,
+        "alpha_unplaced" => params.alpha_unplaced = value,
         "alpha_across" => params.alpha_across = value,
         "elsewhere_share" => params.elsewhere_share = value,
         "spike" => params.spike.translation = value,

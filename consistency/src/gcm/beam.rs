@@ -250,6 +250,7 @@ impl<const N: usize> Hypothesis<N> {
                 let prior = StatePrior::new(
                     params,
                     *single,
+                    vote.placed,
                     &slip_counts,
                     &self.sound_counts,
                     neighbor.map(|(v, k)| (self.states[v], k)),
@@ -401,6 +402,8 @@ impl SoundCounts {
 pub(crate) struct StatePrior<'a> {
     sound: f64,
     gross: f64,
+    /// α of the robot pair.
+    alpha: f64,
     params: &'a GcmParams,
     /// Of the same robot pair.
     slip_counts: &'a [u32],
@@ -411,6 +414,7 @@ impl<'a> StatePrior<'a> {
     pub(crate) fn new(
         params: &'a GcmParams,
         single: bool,
+        placed: bool,
         slip_counts: &'a [u32],
         sound_counts: &SoundCounts,
         neighbor: Option<(State, f64)>,
@@ -421,7 +425,8 @@ impl<'a> StatePrior<'a> {
             (params.sound, params.gross_share)
         };
         let sound = sound_counts.predicted(single, sound, params.sound_strength);
-        Self { sound, gross, params, slip_counts, neighbor }
+        let alpha = if placed { params.alpha } else { params.alpha_unplaced };
+        Self { sound, gross, alpha, params, slip_counts, neighbor }
     }
 
     fn independent(&self, state: State) -> f64 {
@@ -435,7 +440,7 @@ impl<'a> StatePrior<'a> {
             State::BadPrior => 0.0,
             State::Slip(j) => {
                 // Pitman-Yor with discount 1 - α: whatever the order, slips that repeat make repetition likelier
-                let discount = 1.0 - self.params.alpha;
+                let discount = 1.0 - self.alpha;
                 let distinct = self.slip_counts.iter().filter(|count| **count > 0).count() as f64;
                 let new = if slips == 0 { 1.0 } else { discount * distinct / f64::from(slips) };
                 let step = match self.slip_counts.get(usize::from(j)) {

@@ -22,7 +22,8 @@
 //! * **slip** ((1-π)(1-p_O) p_T): a shift `τ ~ N(0, S_T)` in the common frame. Slips are *shared*: a further slipped
 //!   group of a robot pair repeats the pair's earlier slip `t` with probability `(n_t - 1 + α) / Σ n` (a Pitman-Yor
 //!   process, so the order does not matter and slips that repeat make repetition likelier); equal slips are no proof of
-//!   truth. A slip new to the pair is a given one of another pair with `χ` times the weight of one never seen. A slip is
+//!   truth. Registrations that start from a told place of the maps share its error and so tend to the same wrong place;
+//!   between robots without a prior of their own `α` is `alpha_unplaced`, which is less. A slip new to the pair is a given one of another pair with `χ` times the weight of one never seen. A slip is
 //!   no shorter than `least_slip`: what the normal gives to shorter ones is taken back from each hypothesis;
 //! * **yaw slip** ((1-π)(1-p_O)(1-p_T)): `β ~ N(0, S_Y)` about its place;
 //! * **gross** ((1-π) p_O (1-p_E)): `β ~ N(0, S_O)`;
@@ -51,15 +52,29 @@
 //! ```
 //!
 //! A beam over the states keeps the Cholesky factor of `K_H` with each hypothesis; with an unlimited beam it is exact.
-//! Accept from `P ≥ 0.80`, reject up to `0.25`, otherwise **undecided**. An accepted closure goes to the pose graph with
-//! `c S + n S_b`, `n` being the number of closures that share its place (each counts `exp(-(gap/ℓ)²)`), so that those
-//! of one place weigh like one vote, `c S / n + S_b`.
+//! Accept from `P ≥ 0.85`, reject up to `0.25`, otherwise **undecided**. Less sure groups, down to `P = 0.75`, are accepted
+//! too, the surest first, as long as the expected share of wrong ones among the accepted set `A` of the team stays small:
+//!
+//! ```text
+//! 1/|A| Σ over g in A of (1 - P_g)  ≤  wrong_share = 0.05
+//! ```
+//!
+//! This is the Bayesian false discovery rate (M. A. Newton, A. Noueiry, D. Sarkar, P. Ahlquist, "Detecting differential
+//! gene expression with a semiparametric hierarchical mixture method", 2004, section 2; P. Müller, G. Parmigiani,
+//! C. Robert, J. Rousseau, "Optimal sample size for multiple testing", 2004). We differ in two places: a group that is sure
+//! by itself is accepted whatever the rate, and one about which nothing is known (`P = π`) never is. Where all agree,
+//! nothing is then lost to a fixed limit; where groups contradict each other, the set is doubtful as a whole and the
+//! doubtful ones stay out.
+//!
+//! An accepted closure goes to the pose graph with `c S + n S_b`, `n` being the number of closures that share its place
+//! (each counts `exp(-(gap/ℓ)²)`), so that those of one place weigh like one vote, `c S / n + S_b`.
 //!
 //! # Limits
 //!
 //! * One neighbour, one group, no prior: bias and truth have the same likelihood, `P = π`; undecided is the only honest
 //!   answer.
-//! * A majority of equal slips without prior or cycle looks like the truth. Raise `alpha` in lattices known to alias.
+//! * A majority of equal slips without prior or cycle looks like the truth. Raise `alpha` and `alpha_unplaced` in
+//!   lattices known to alias.
 //! * The reference's own scene slipped equally against every neighbour is consistent with every cycle.
 //! * Slips that follow the prior's error agree with it: register from several starts, or lower `prior_sound`.
 //! * A slip smaller than the drift between groups is invisible: close own loops first.

@@ -33,9 +33,16 @@ pub enum GapUnit {
 pub struct GcmParams {
     /// The robot in whose map all are compared; default the smallest id of each connected team.
     pub reference: Option<u32>,
-    /// Least posterior probability of an accepted group; default 0.80: four times as likely sound as not.
+    /// Posterior probability from which on a group is accepted whatever the others are; default 0.85, about what one vote
+    /// ahead of a repeated slip gives.
     pub accept: f64,
-    /// Largest posterior probability of a rejected group; default 0.25. Between the two a group is undecided.
+    /// Largest expected share of wrong groups among the accepted ones of a team, up to which less sure groups are accepted
+    /// among sure ones; default 0.05. 0 accepts from `accept` on alone.
+    pub wrong_share: f64,
+    /// Least posterior probability of a group that is accepted among sure ones; default 0.75, above `sound`: a group of which
+    /// nothing is known gains nothing from the rest of its team.
+    pub accept_among: f64,
+    /// Largest posterior probability of a rejected group; default 0.25. Between this and the accepted a group is undecided.
     pub reject: f64,
     /// An accepted group is withdrawn only below this once it was accepted before; default 0.60.
     pub withdraw: f64,
@@ -59,9 +66,13 @@ pub struct GcmParams {
     pub gross_share: f64,
     /// The same of lone closures; default 0.50.
     pub gross_share_single: f64,
-    /// α, probability that a second slip between two robots repeats their first; default 0.35. Slips that do repeat raise it
-    /// for the next. Raise it (0.9) in lattices known to alias.
+    /// α, probability that a second slip between two robots repeats their first, where a prior tells how their maps lie: all
+    /// registrations of the two then start from the same error and tend to fall into the same wrong place; default 0.40.
+    /// Slips that do repeat raise it for the next. Raise it (0.9) in lattices known to alias.
     pub alpha: f64,
+    /// The same of two robots without a prior between them: each of their registrations was found by itself, and a lattice
+    /// has two axes, two signs and more than one step to slip by; default 0.15.
+    pub alpha_unplaced: f64,
     /// χ, odds that a slip new to a robot pair is a given one of another pair rather than one never seen; default 0.05: other
     /// pairs start from other errors and meet in other places.
     pub alpha_across: f64,
@@ -111,7 +122,9 @@ impl Default for GcmParams {
     fn default() -> Self {
         Self {
             reference: None,
-            accept: 0.80,
+            accept: 0.85,
+            wrong_share: 0.05,
+            accept_among: 0.75,
             reject: 0.25,
             withdraw: 0.60,
             sound: 0.70,
@@ -122,7 +135,8 @@ impl Default for GcmParams {
             slip_share: 0.90,
             gross_share: 0.03,
             gross_share_single: 0.50,
-            alpha: 0.35,
+            alpha: 0.40,
+            alpha_unplaced: 0.15,
             alpha_across: 0.05,
             spike: Sigma::new(0.1, 0.005),
             slip: Sigma::new(4.0, 0.015),
@@ -147,10 +161,12 @@ impl Default for GcmParams {
 }
 
 impl GcmParams {
-    /// Accepts from 0.95 on and thinks repeated slips likelier (`alpha` 0.6), between whichever robots (`alpha_across` 1):
-    /// for systems where one wrong merge is worse than many late ones.
+    /// Accepts from 0.95 on alone and thinks repeated slips likelier (`alpha` and `alpha_unplaced` 0.6), between whichever
+    /// robots (`alpha_across` 1): for systems where one wrong merge is worse than many late ones.
     pub fn strict() -> Self {
-        Self { accept: 0.95, alpha: 0.6, alpha_across: 1.0, ..Self::default() }
+        let alpha = 0.6;
+        let slips = Self { alpha, alpha_unplaced: alpha, alpha_across: 1.0, ..Self::default() };
+        Self { accept: 0.95, wrong_share: 0.0, ..slips }
     }
 
     /// Accepts the more probable side and leaves nothing undecided: for systems that must merge. Its error is the
@@ -163,6 +179,8 @@ impl GcmParams {
         let open = |p: f64| p > 0.0 && p < 1.0;
         let probabilities = [
             ("accept", open(self.accept)),
+            ("wrong_share", self.wrong_share >= 0.0 && self.wrong_share < 1.0),
+            ("accept_among", open(self.accept_among) && self.reject <= self.accept_among),
             ("reject", open(self.reject) && self.reject <= self.accept),
             ("withdraw", self.withdraw > 0.0 && self.withdraw <= self.accept),
             ("sound", open(self.sound)),
@@ -174,6 +192,7 @@ impl GcmParams {
             ("gross_share", open(self.gross_share)),
             ("gross_share_single", open(self.gross_share_single)),
             ("alpha", open(self.alpha)),
+            ("alpha_unplaced", open(self.alpha_unplaced)),
             ("alpha_across", self.alpha_across > 0.0 && self.alpha_across.is_finite()),
             ("elsewhere_share", open(self.elsewhere_share)),
             ("prior_sound", open(self.prior_sound)),

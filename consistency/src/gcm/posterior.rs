@@ -95,7 +95,8 @@ pub(crate) fn gcm_with_history<const N: usize, G: Pose<N>>(
     for (index, cluster) in clusters.iter().enumerate() {
         cluster.members.iter().for_each(|&m| cluster_of[m] = index);
     }
-    let (selection, verdicts) = judge(clusters, &findings, params, held, !priors.is_empty());
+    let team_of = |robot: u32| problem.teams.reference_of(robot);
+    let (selection, verdicts) = judge(clusters, &findings, params, held, !priors.is_empty(), team_of);
     let covariances = hand_over(closures, &problem, &cluster_of, params);
     let posteriors = clusters.iter().zip(&findings.sound).zip(verdicts);
     Ok(Gcm {

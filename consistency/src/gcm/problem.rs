@@ -103,6 +103,11 @@ impl Teams {
         Self { robots_by_reference, reference_of }
     }
 
+    /// The reference of the team that `robot` belongs to.
+    pub(crate) fn reference_of(&self, robot: u32) -> Option<u32> {
+        self.reference_of.get(&robot).copied()
+    }
+
     /// The robot that holds the source in the canonical direction: the reference, else the smaller id.
     fn source_of<G: Pose<N>, const N: usize>(&self, closure: &Closure<G, N>) -> u32 {
         let (first, second) = closure.robots();

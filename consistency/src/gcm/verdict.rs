@@ -16,29 +16,31 @@ pub enum Verdict {
     Undecided,
 }
 
-/// The verdict of each cluster and the closures sorted by it. Clusters with a member in `held` have hysteresis.
+/// The verdict of each cluster and the closures sorted by it. Clusters with a member in `held` have hysteresis; `team_of`
+/// names the connected team of a robot.
 pub(crate) fn judge(
     clusters: &[Cluster],
     findings: &Findings,
     params: &GcmParams,
     held: &BTreeSet<usize>,
     has_priors: bool,
+    team_of: impl Fn(u32) -> Option<u32>,
 ) -> (Selection, Vec<Verdict>) {
-    let verdicts: Vec<Verdict> = clusters
+    let mut verdicts: Vec<Verdict> = clusters
         .iter()
         .zip(&findings.sound)
         .map(|(cluster, &probability)| {
             let is_held = cluster.members.iter().any(|m| held.contains(m));
-            let least = if is_held { params.withdraw } else { params.accept };
-            if probability >= least {
-                Verdict::Accepted
-            } else if probability <= params.reject {
-                Verdict::Rejected
-            } else {
-                Verdict::Undecided
-            }
+            by_itself(probability, is_held, params)
         })
         .collect();
+    let mut teams: BTreeMap<Option<u32>, Vec<usize>> = BTreeMap::new();
+    for (index, cluster) in clusters.iter().enumerate() {
+        teams.entry(team_of(cluster.robots.0)).or_default().push(index);
+    }
+    for team in teams.values() {
+        accept_in_company(team, &findings.sound, params, &mut verdicts);
+    }
     let context = Context::new(clusters, &verdicts, findings, has_priors);
     let mut selection = Selection::default();
     for (index, (cluster, verdict)) in clusters.iter().zip(&verdicts).enumerate() {
@@ -55,6 +57,39 @@ pub(crate) fn judge(
     }
     selection.sort();
     (selection, verdicts)
+}
+
+/// The verdict of a cluster whatever the others are.
+fn by_itself(probability: f64, is_held: bool, params: &GcmParams) -> Verdict {
+    let least = if is_held { params.withdraw } else { params.accept };
+    if probability >= least {
+        Verdict::Accepted
+    } else if probability <= params.reject {
+        Verdict::Rejected
+    } else {
+        Verdict::Undecided
+    }
+}
+
+/// Accepts further clusters of a team, the surest first, down to `params.accept_among`, as long as the expected share of
+/// wrong ones among all accepted, the mean of `1 - P`, stays within `params.wrong_share`. Equally sure ones go together.
+fn accept_in_company(team: &[usize], sound: &[f64], params: &GcmParams, verdicts: &mut [Verdict]) {
+    // what differs by rounding alone, as two votes of equal weight do
+    const EQUAL: f64 = 1e-6;
+    let (accepted, mut others): (Vec<usize>, Vec<usize>) =
+        team.iter().partition(|&&c| verdicts[c] == Verdict::Accepted);
+    others.retain(|&c| sound[c] >= params.accept_among);
+    others.sort_by(|&a, &b| sound[b].total_cmp(&sound[a]).then(a.cmp(&b)));
+    let mut count = accepted.len() as f64;
+    let mut wrong: f64 = accepted.iter().map(|&c| 1.0 - sound[c]).sum();
+    for equals in others.chunk_by(|&a, &b| sound[a] - sound[b] < EQUAL) {
+        count += equals.len() as f64;
+        wrong += equals.iter().map(|&c| 1.0 - sound[c]).sum::<f64>();
+        if wrong > params.wrong_share * count {
+            break;
+        }
+        equals.iter().for_each(|&c| verdicts[c] = Verdict::Accepted);
+    }
 }
 
 /// What the reasons are told from.
@@ -121,5 +156,86 @@ impl<'a> Context<'a> {
         let joined = |x: u32, y: u32| self.accepted_pairs.contains(&(x.min(y), x.max(y)));
         let robots: BTreeSet<u32> = self.accepted_pairs.iter().flat_map(|&(x, y)| [x, y]).collect();
         robots.into_iter().find(|&c| c != a && c != b && joined(a, c) && joined(b, c)).map(|c| [a, b, c])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Clusters of one closure each; robots `2 t` and `2 t + 1` are team `t`.
+    fn verdicts(told: &[(u32, f64)], params: &GcmParams, held: &[usize]) -> Vec<Verdict> {
+        let clusters: Vec<Cluster> = told
+            .iter()
+            .enumerate()
+            .map(|(index, &(team, _))| Cluster {
+                robots: (2 * team, 2 * team + 1),
+                group: index,
+                members: vec![index],
+                is_main: true,
+            })
+            .collect();
+        let mut findings = Findings::new(told.len());
+        findings.sound = told.iter().map(|&(_, p)| p).collect();
+        let held = held.iter().copied().collect();
+        judge(&clusters, &findings, params, &held, true, |robot| Some(robot / 2)).1
+    }
+
+    fn accepted(told: &[(u32, f64)], held: &[usize]) -> Vec<usize> {
+        let params = GcmParams { accept: 0.85, accept_among: 0.75, wrong_share: 0.05, ..Default::default() };
+        let verdicts = verdicts(told, &params, held);
+        (0..told.len()).filter(|&c| verdicts[c] == Verdict::Accepted).collect()
+    }
+
+    #[test]
+    fn a_doubtful_group_is_accepted_among_sure_ones_only() {
+        // expected wrong: (3 x 0.001 + 0.2) / 4 = 0.051, with a fourth sure one 0.041
+        assert_eq!(accepted(&[(0, 0.999), (0, 0.8), (0, 0.999), (0, 0.999)], &[]), [0, 2, 3]);
+        assert_eq!(
+            accepted(&[(0, 0.999), (0, 0.8), (0, 0.999), (0, 0.999), (0, 0.999)], &[]),
+            [0, 1, 2, 3, 4]
+        );
+    }
+
+    #[test]
+    fn the_surest_come_first_and_none_below_the_floor() {
+        let sure = [(0, 1.0); 6];
+        let with = |more: &[(u32, f64)]| accepted(&[&sure[..], more].concat(), &[])[6..].to_vec();
+        assert_eq!(with(&[(0, 0.77), (0, 0.82)]), [7]);
+        assert_eq!(with(&[(0, 0.84), (0, 0.81)]), [6, 7]);
+        assert_eq!(with(&[(0, 0.74)]), []);
+    }
+
+    #[test]
+    fn groups_sure_by_themselves_need_no_company() {
+        assert_eq!(accepted(&[(0, 0.86), (0, 0.86), (0, 0.84)], &[]), [0, 1]);
+    }
+
+    #[test]
+    fn equally_sure_groups_share_their_verdict() {
+        // one of the two would fit: (0.17 / 5 = 0.034, 0.34 / 6 = 0.057)
+        let told = [(0, 1.0), (0, 1.0), (0, 1.0), (0, 1.0), (0, 0.83), (0, 0.83 + 1e-9)];
+        assert_eq!(accepted(&told, &[]), [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn another_team_is_no_company() {
+        assert_eq!(accepted(&[(0, 1.0), (0, 1.0), (0, 1.0), (0, 1.0), (1, 0.84)], &[]), [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn what_was_accepted_before_stays_and_counts_as_company() {
+        // the one held at 0.65 leaves no room: (0.35 + 0.2) / 6 = 0.092
+        let told = [(0, 1.0), (0, 1.0), (0, 1.0), (0, 1.0), (0, 0.65), (0, 0.8)];
+        assert_eq!(accepted(&told, &[]), [0, 1, 2, 3, 5]);
+        assert_eq!(accepted(&told, &[4]), [0, 1, 2, 3, 4]);
+    }
+
+    #[test]
+    fn without_a_share_of_wrong_ones_each_stands_alone() {
+        let params = GcmParams { accept: 0.85, accept_among: 0.75, wrong_share: 0.0, ..Default::default() };
+        let told = [(0, 1.0), (0, 1.0), (0, 1.0), (0, 1.0), (0, 0.84), (0, 0.2)];
+        let verdicts = verdicts(&told, &params, &[]);
+        assert_eq!(verdicts[4..], [Verdict::Undecided, Verdict::Rejected]);
     }
 }

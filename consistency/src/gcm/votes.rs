@@ -16,6 +16,8 @@ pub(crate) struct Vote<const N: usize> {
     pub(crate) kind: Kind<N>,
     /// Source (`r`, sign -1) and target robot (`q`, sign +1).
     pub(crate) robots: (u32, u32),
+    /// Whether a prior tells where the maps of the two lie to each other.
+    pub(crate) placed: bool,
     pub(crate) rho: SVector<f64, N>,
     /// Registration noise of the mean, or the prior's covariance.
     noise: SMatrix<f64, N, N>,
@@ -230,6 +232,7 @@ fn prior_vote<const N: usize, G: Pose<N>>(
             bad: isotropic_covariance::<N, G>(params.prior_bad.translation, params.prior_bad.rotation),
         },
         robots: (prior.target, prior.source),
+        placed: true,
         rho: placed.compose(&frames.of(prior.source).inverse()).log(),
         noise: transported(&frames.adjoint(prior.source), &prior.covariance),
         ends: [Vec::new(), Vec::new()],
@@ -274,6 +277,7 @@ fn cluster_vote<const N: usize, G: Pose<N>>(
             neighbor: None,
         },
         robots: cluster.robots,
+        placed: evidence.priors.iter().any(|p| [(r, q), (q, r)].contains(&(p.source, p.target))),
         rho,
         noise,
         ends: [
