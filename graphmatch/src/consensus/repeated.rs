@@ -3,7 +3,7 @@ use nalgebra::{Isometry2, Point2, Vector2};
 use super::ConsensusParams;
 use super::alike::Alike;
 use super::evidence::{middle, refine};
-use super::hypotheses::{Ray, hypotheses};
+use super::hypotheses::{Hypotheses, Ray};
 use super::modes::same_mode;
 use super::problem::Problem;
 use crate::Object;
@@ -49,7 +49,7 @@ pub(super) fn repeated(
     let mut kinds = DisjointSets::new(map.len());
     let mut shifts: Vec<(usize, Vector2<f64>)> = Vec::new();
     let identity = Isometry2::identity();
-    let moving = hypotheses(&problem, &near, &near, |i, a| i != a && pivots.contains(&i)).into_iter();
+    let moving = Hypotheses::new(&problem, &near, &near, |i, a| i != a && pivots.contains(&i));
     for hypothesis in moving.take(SELF_MATCHES) {
         let Some(found) = refine(&problem, &hypothesis.map1_from_map2) else { continue };
         if same_mode(params, &centre, &found.map1_from_map2, &identity) {
