@@ -2,7 +2,7 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Isometry2, Point2, UnitComplex, Vector2};
+use nalgebra::{Isometry2, Point2, UnitComplex};
 
 use super::evidence::ONCE;
 use super::problem::Problem;
@@ -131,11 +131,11 @@ pub(super) fn rays(points: &[Point2<f64>], shortest: f64) -> Vec<Vec<Ray>> {
             let mut rays: Vec<Ray> = points
                 .iter()
                 .enumerate()
-                .map(|(object, q)| (object, q - p))
-                .filter(|(_, d): &(usize, Vector2<f64>)| d.norm() >= shortest)
-                .map(|(object, d)| Ray { distance: d.norm(), angle: d.y.atan2(d.x), object })
+                .map(|(object, q)| (object, q - p, (q - p).norm()))
+                .filter(|(_, _, distance)| *distance >= shortest)
+                .map(|(object, d, distance)| Ray { distance, angle: d.y.atan2(d.x), object })
                 .collect();
-            rays.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.object.cmp(&b.object)));
+            rays.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance).then(a.object.cmp(&b.object)));
             rays
         })
         .collect()
@@ -180,6 +180,8 @@ impl Votes {
         let own_variance = problem.variance(i, a);
         // Votes over the circle's end begin once more at bin 0. Summed apart: in place, each would wait for the last.
         let mut around_end = [0.0; 2];
+        // Most pairs are as accurate as the last.
+        let (mut known_variance, mut deviation) = (0.0, 0.0);
         let mut low = 0;
         for ray1 in from1 {
             while low < from2.len() && from2[low].distance < ray1.distance - cut {
@@ -199,7 +201,10 @@ impl Votes {
                 let weight = gain - 0.5 * difference * difference / variance;
                 if weight > 0.0 {
                     // Two standard deviations: wider votes make more turns look alike than right ones gain.
-                    let half_width = (per_deviation * variance.sqrt()).min(0.5 * PI);
+                    if variance != known_variance {
+                        (known_variance, deviation) = (variance, variance.sqrt());
+                    }
+                    let half_width = (per_deviation * deviation).min(0.5 * PI);
                     let repeated = repeated1 || problem.repeated2[ray2.object];
                     self.any_repeated |= repeated;
                     let changes = if repeated { &mut self.repeated } else { &mut self.distinct };
