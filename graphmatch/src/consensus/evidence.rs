@@ -30,13 +30,21 @@ const PASSES: usize = 4;
 
 /// Matches, fits, and matches again from a first guess; `None` if fewer than `min_pairs` fall together.
 pub(super) fn refine(problem: &Problem, guess: &Isometry2<f64>) -> Option<Explanation> {
-    let mut transform = *guess;
-    let fewest = problem.fewest_pairs();
-    let mut pairs = Vec::new();
-    for pass in 0..PASSES {
-        let gate = problem.params.gate * if pass == 0 { 2.0 } else { 1.0 };
-        let next = matches(problem, &transform, gate);
-        if next.len() < fewest {
+    settle(problem, gather(problem, guess)?)
+}
+
+/// The pairs that a first guess brings roughly together; `None` if they are fewer than `min_pairs`.
+pub(super) fn gather(problem: &Problem, guess: &Isometry2<f64>) -> Option<Vec<(usize, usize)>> {
+    let pairs = matches(problem, guess, 2.0 * problem.params.gate);
+    (pairs.len() >= problem.fewest_pairs()).then_some(pairs)
+}
+
+/// Fits and matches again from first pairs.
+pub(super) fn settle(problem: &Problem, mut pairs: Vec<(usize, usize)>) -> Option<Explanation> {
+    let mut transform = fit_rigid(&ties(problem, &pairs));
+    for pass in 1..PASSES {
+        let next = matches(problem, &transform, problem.params.gate);
+        if next.len() < problem.fewest_pairs() {
             return None;
         }
         if pass > 1 && next == pairs {
