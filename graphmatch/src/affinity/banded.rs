@@ -57,7 +57,7 @@ impl Banded {
         self.values.len()
     }
 
-    /// Calls `visit` with row, column and value of every entry, without the weights of pairs.
+    /// Calls `visit` with row, column and value of every entry, without the weights of pairs; of an entry and its mirror image once.
     pub(super) fn for_each(&self, columns: usize, mut visit: impl FnMut(usize, usize, f64)) {
         for (k, edge) in self.edges1.iter().enumerate() {
             let [i, j] = edge.ends.map(|e| e as usize * columns);
@@ -66,7 +66,6 @@ impl Banded {
                 let [a, b] = partner.ends.map(|e| e as usize);
                 for (p, q) in [(i + a, j + b), (i + b, j + a)] {
                     visit(p, q, *value);
-                    visit(q, p, *value);
                 }
             }
         }
@@ -139,6 +138,6 @@ fn edges(lengths: &DMatrix<f64>, shortest: f64) -> Vec<Edge> {
         .map(|(i, j)| Edge { length: lengths[(i, j)], ends: [i as u32, j as u32] })
         .filter(|edge| edge.length >= shortest)
         .collect();
-    edges.sort_by(|a, b| a.length.total_cmp(&b.length).then(a.ends.cmp(&b.ends)));
+    edges.sort_unstable_by(|a, b| a.length.total_cmp(&b.length).then(a.ends.cmp(&b.ends)));
     edges
 }

@@ -26,23 +26,34 @@ impl Rows {
             return None;
         }
         let mut length = vec![0_usize; weights.len()];
-        banded.for_each(columns, |p, _, _| length[p] += 1);
+        banded.for_each(columns, |p, q, _| {
+            // Of what is ruled out nothing is stored.
+            let counts = usize::from((weights[p] > 0.0) & (weights[q] > 0.0));
+            length[p] += counts;
+            length[q] += counts;
+        });
         let mut order: Vec<usize> = (0..weights.len()).collect();
         order.sort_by_key(|&p| std::cmp::Reverse(length[p]));
         let mut start = vec![0];
-        let mut place = vec![(0_usize, 0_usize); weights.len()];
+        // Of each row's next entry, lanes and all.
+        let mut place = vec![0_u32; weights.len()];
         for rows in order.chunks(LANES) {
             let from = start[start.len() - 1];
-            rows.iter().enumerate().for_each(|(lane, &p)| place[p] = (from, lane));
+            rows.iter().enumerate().for_each(|(lane, &p)| place[p] = (from * LANES + lane) as u32);
             start.push(from + length[rows[0]]);
         }
         let entries = start[start.len() - 1];
         let (mut column, mut value) = (vec![[0; LANES]; entries], vec![[0.0; LANES]; entries]);
+        let (columns_flat, values_flat) = (column.as_flattened_mut(), value.as_flattened_mut());
         banded.for_each(columns, |p, q, v| {
-            let (at, lane) = &mut place[p];
-            column[*at][*lane] = q as u16;
-            value[*at][*lane] = v * weights[p] * weights[q];
-            *at += 1;
+            if (weights[p] > 0.0) & (weights[q] > 0.0) {
+                for (p, q) in [(p, q), (q, p)] {
+                    let at = place[p] as usize;
+                    columns_flat[at] = q as u16;
+                    values_flat[at] = v * weights[p] * weights[q];
+                    place[p] += LANES as u32;
+                }
+            }
         });
         let order = order.into_iter().map(|p| p as u16).collect();
         Some(Self { order, start, column, value })

@@ -30,13 +30,21 @@ const PASSES: usize = 4;
 
 /// Matches, fits, and matches again from a first guess; `None` if fewer than `min_pairs` fall together.
 pub(super) fn refine(problem: &Problem, guess: &Isometry2<f64>) -> Option<Explanation> {
-    let mut transform = *guess;
-    let fewest = problem.fewest_pairs();
-    let mut pairs = Vec::new();
-    for pass in 0..PASSES {
-        let gate = problem.params.gate * if pass == 0 { 2.0 } else { 1.0 };
-        let next = matches(problem, &transform, gate);
-        if next.len() < fewest {
+    settle(problem, gather(problem, guess)?)
+}
+
+/// The pairs that a first guess brings roughly together; `None` if they are fewer than `min_pairs`.
+pub(super) fn gather(problem: &Problem, guess: &Isometry2<f64>) -> Option<Vec<(usize, usize)>> {
+    let pairs = matches(problem, guess, 2.0 * problem.params.gate);
+    (pairs.len() >= problem.fewest_pairs()).then_some(pairs)
+}
+
+/// Fits and matches again from first pairs.
+pub(super) fn settle(problem: &Problem, mut pairs: Vec<(usize, usize)>) -> Option<Explanation> {
+    let mut transform = fit_rigid(&ties(problem, &pairs));
+    for pass in 1..PASSES {
+        let next = matches(problem, &transform, problem.params.gate);
+        if next.len() < problem.fewest_pairs() {
             return None;
         }
         if pass > 1 && next == pairs {
@@ -76,29 +84,41 @@ const STRAY_CHI2: f64 = 5.99;
 
 /// One-to-one pairs within `gate` standard deviations under `transform`, the best pair first come.
 pub(super) fn matches(problem: &Problem, transform: &Isometry2<f64>, gate: f64) -> Vec<(usize, usize)> {
-    let mut close = Vec::new();
+    let mut close = Vec::with_capacity(2 * problem.p2.len());
+    let mut partner = vec![None; problem.p1.len()];
+    let mut rivals = false;
     for (a, p) in problem.p2.iter().enumerate() {
         let moved = transform * p;
+        let first = close.len();
         problem.buckets.around(&moved, |i| {
             let chi2 = (problem.p1[i] - moved).norm_squared() / problem.variance(i, a);
             let gain = problem.gain(i, a);
-            if chi2 <= (gate * gate).max(farther(problem, i, a)) && gain > f64::NEG_INFINITY {
+            if (chi2 <= gate * gate || chi2 <= farther(problem, i, a)) && gain > f64::NEG_INFINITY {
                 close.push((gain - 0.5 * chi2, i, a));
+                rivals |= partner[i].replace(a).is_some();
             }
         });
+        rivals |= close.len() > first + 1;
     }
-    close.sort_by(|x, y| y.0.total_cmp(&x.0).then((x.1, x.2).cmp(&(y.1, y.2))));
-    let (mut used1, mut used2) = (vec![false; problem.p1.len()], vec![false; problem.p2.len()]);
+    if rivals {
+        best_first(&mut close, &mut partner, problem.p2.len());
+    }
     let mut pairs = Vec::with_capacity(close.len());
-    for (_, i, a) in close {
-        if !used1[i] && !used2[a] {
-            used1[i] = true;
-            used2[a] = true;
-            pairs.push((i, a));
+    pairs.extend(partner.iter().enumerate().filter_map(|(i, a)| Some((i, (*a)?))));
+    pairs
+}
+
+/// Partners of map 1's objects, one to one, among pairs with what they are worth.
+fn best_first(close: &mut [(f64, usize, usize)], partner: &mut [Option<usize>], others: usize) {
+    close.sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then((x.1, x.2).cmp(&(y.1, y.2))));
+    partner.fill(None);
+    let mut used = vec![false; others];
+    for &mut (_, i, a) in close {
+        if partner[i].is_none() && !used[a] {
+            partner[i] = Some(a);
+            used[a] = true;
         }
     }
-    pairs.sort_unstable();
-    pairs
 }
 
 /// χ² up to which a pair's looks make up for its distance, within what the buckets reach.

@@ -1,5 +1,8 @@
-use nalgebra::{Isometry2, Point2, UnitComplex, Vector2};
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
 use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Isometry2, Point2, UnitComplex};
 
 use super::evidence::ONCE;
 use super::problem::Problem;
@@ -24,37 +27,100 @@ pub(super) struct Ray {
 ///
 /// For each pair (i, a) taken as the pivot, each other pair (j, b) of equal distance from the pivot votes for the
 /// turn that brings b onto j, with a width that its noise allows; the turn with the largest sum of votes wins.
-/// Cost O(N M k) for k votes a pivot.
-///
-/// * `rays1`, `rays2` – [`rays`] of both maps; `may_turn` – which pairs, by their indices, are taken as pivots.
-pub(super) fn hypotheses(
-    problem: &Problem,
-    rays1: &[Vec<Ray>],
-    rays2: &[Vec<Ray>],
-    may_turn: impl Fn(usize, usize) -> bool,
-) -> Vec<Hypothesis> {
-    let longest = rays1.iter().filter_map(|r| r.last()).map(|r| r.distance).fold(0.0, f64::max);
-    let mut votes = Votes::new(problem, longest);
-    let mut found = Vec::new();
-    for (i, from1) in rays1.iter().enumerate() {
-        for (a, from2) in rays2.iter().enumerate() {
-            if problem.gain(i, a) == f64::NEG_INFINITY || !may_turn(i, a) {
-                continue;
+/// Cost O(N M k) for k votes a pivot. Repeated pairs have most of the votes and together count for little: they are counted only
+/// once a pivot's distinct votes, with all that repeated ones can add, make it the best of those left.
+pub(super) struct Hypotheses<'a> {
+    problem: &'a Problem<'a>,
+    rays1: &'a [Vec<Ray>],
+    rays2: &'a [Vec<Ray>],
+    votes: Votes,
+    left: BinaryHeap<Candidate>,
+}
+
+impl<'a> Hypotheses<'a> {
+    /// * `rays1`, `rays2` – [`rays`] of both maps; `may_turn` – which pairs, by their indices, are taken as pivots.
+    pub(super) fn new(
+        problem: &'a Problem<'a>,
+        rays1: &'a [Vec<Ray>],
+        rays2: &'a [Vec<Ray>],
+        may_turn: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        let longest = rays1.iter().filter_map(|r| r.last()).map(|r| r.distance).fold(0.0, f64::max);
+        let mut votes = Votes::new(problem, longest);
+        let repeats = problem.repeats();
+        let distinct2: Vec<Vec<Ray>> = rays2.iter().map(|rays| distinct(rays, &problem.repeated2)).collect();
+        let mut left = Vec::new();
+        for (i, from1) in rays1.iter().enumerate() {
+            let distinct1 = distinct(from1, &problem.repeated1);
+            for (a, from2) in distinct2.iter().enumerate() {
+                let pivot = (i, a);
+                if problem.gain(i, a) == f64::NEG_INFINITY || !may_turn(i, a) {
+                    continue;
+                }
+                votes.collect(problem, pivot, &distinct1, from2);
+                if repeats {
+                    left.push(Candidate { score: votes.bound(problem, pivot), angle: None, pivot });
+                } else if let Some((score, angle)) = votes.best(problem, pivot) {
+                    left.push(Candidate { score, angle: Some(angle), pivot });
+                }
             }
-            votes.collect(problem, (i, a), from1, from2);
-            if let Some((score, angle)) = votes.best(problem, (i, a)) {
+        }
+        Self { problem, rays1, rays2, votes, left: left.into() }
+    }
+}
+
+impl Iterator for Hypotheses<'_> {
+    type Item = Hypothesis;
+
+    fn next(&mut self) -> Option<Hypothesis> {
+        loop {
+            let Candidate { score, angle, pivot } = self.left.pop()?;
+            let (i, a) = pivot;
+            if let Some(angle) = angle {
                 let rotation = UnitComplex::new(angle);
-                let translation = problem.p1[i].coords - rotation * problem.p2[a].coords;
-                found.push(Hypothesis {
-                    score,
-                    pivot: (i, a),
-                    map1_from_map2: Isometry2::from_parts(translation.into(), rotation),
-                });
+                let translation = self.problem.p1[i].coords - rotation * self.problem.p2[a].coords;
+                let map1_from_map2 = Isometry2::from_parts(translation.into(), rotation);
+                return Some(Hypothesis { score, pivot, map1_from_map2 });
+            }
+            self.votes.collect(self.problem, pivot, &self.rays1[i], &self.rays2[a]);
+            if let Some((score, angle)) = self.votes.best(self.problem, pivot) {
+                self.left.push(Candidate { score, angle: Some(angle), pivot });
             }
         }
     }
-    found.sort_by(|x, y| y.score.total_cmp(&x.score));
-    found
+}
+
+/// A pivot with the angle of its best turn and this turn's score; without an angle, all votes are not counted yet and the score is
+/// more than it can be.
+struct Candidate {
+    score: f64,
+    angle: Option<f64>,
+    pivot: (usize, usize),
+}
+
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.score.total_cmp(&other.score).then_with(|| other.pivot.cmp(&self.pivot))
+    }
+}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Candidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Candidate {}
+
+/// The rays to objects that are not repeated.
+fn distinct(rays: &[Ray], repeated: &[bool]) -> Vec<Ray> {
+    rays.iter().filter(|ray| !repeated[ray.object]).copied().collect()
 }
 
 /// The other objects of a map as seen from each of them, nearest first, but for those nearer than `shortest`.
@@ -65,11 +131,11 @@ pub(super) fn rays(points: &[Point2<f64>], shortest: f64) -> Vec<Vec<Ray>> {
             let mut rays: Vec<Ray> = points
                 .iter()
                 .enumerate()
-                .map(|(object, q)| (object, q - p))
-                .filter(|(_, d): &(usize, Vector2<f64>)| d.norm() >= shortest)
-                .map(|(object, d)| Ray { distance: d.norm(), angle: d.y.atan2(d.x), object })
+                .map(|(object, q)| (object, q - p, (q - p).norm()))
+                .filter(|(_, _, distance)| *distance >= shortest)
+                .map(|(object, d, distance)| Ray { distance, angle: d.y.atan2(d.x), object })
                 .collect();
-            rays.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.object.cmp(&b.object)));
+            rays.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance).then(a.object.cmp(&b.object)));
             rays
         })
         .collect()
@@ -114,6 +180,8 @@ impl Votes {
         let own_variance = problem.variance(i, a);
         // Votes over the circle's end begin once more at bin 0. Summed apart: in place, each would wait for the last.
         let mut around_end = [0.0; 2];
+        // Most pairs are as accurate as the last.
+        let (mut known_variance, mut deviation) = (0.0, 0.0);
         let mut low = 0;
         for ray1 in from1 {
             while low < from2.len() && from2[low].distance < ray1.distance - cut {
@@ -133,7 +201,10 @@ impl Votes {
                 let weight = gain - 0.5 * difference * difference / variance;
                 if weight > 0.0 {
                     // Two standard deviations: wider votes make more turns look alike than right ones gain.
-                    let half_width = (per_deviation * variance.sqrt()).min(0.5 * PI);
+                    if variance != known_variance {
+                        (known_variance, deviation) = (variance, variance.sqrt());
+                    }
+                    let half_width = (per_deviation * deviation).min(0.5 * PI);
                     let repeated = repeated1 || problem.repeated2[ray2.object];
                     self.any_repeated |= repeated;
                     let changes = if repeated { &mut self.repeated } else { &mut self.distinct };
@@ -153,14 +224,13 @@ impl Votes {
 
     /// Largest sum, that of the pivot included, and its turn; `None` without votes.
     fn best(&self, problem: &Problem, (i, a): (usize, usize)) -> Option<(f64, f64)> {
-        let own = problem.gain(i, a);
         let bins = self.distinct.len();
         if !self.any_repeated {
-            let (votes, angle) = peak(bins, set_bits(&self.touched).map(|k| (k, self.distinct[k])))?;
-            return Some((votes + own, angle));
+            let (votes, angle) = self.distinct_peak()?;
+            return Some((votes + problem.gain(i, a), angle));
         }
         let most = ONCE * problem.place;
-        let (own_distinct, own_repeated) = if problem.is_repeated(i, a) { (0.0, own) } else { (own, 0.0) };
+        let (own_distinct, own_repeated) = own(problem, (i, a));
         let (mut distinct, mut repeated, mut last) = (0.0, 0.0, 0.0);
         let sums = set_bits(&self.touched).map(|k| {
             distinct += self.distinct[k];
@@ -173,6 +243,26 @@ impl Votes {
         let (sum, angle) = peak(bins, sums)?;
         Some((sum + own_distinct, angle))
     }
+
+    /// More than the sum can be when repeated pairs vote as well.
+    fn bound(&self, problem: &Problem, pivot: (usize, usize)) -> f64 {
+        let (own_distinct, own_repeated) = own(problem, pivot);
+        let votes = self.distinct_peak().map_or(0.0, |(votes, _)| votes);
+        votes + own_distinct + (ONCE * problem.place).max(own_repeated) + ROUNDING
+    }
+
+    fn distinct_peak(&self) -> Option<(f64, f64)> {
+        peak(self.distinct.len(), set_bits(&self.touched).map(|k| (k, self.distinct[k])))
+    }
+}
+
+/// More than sums of votes are rounded by.
+const ROUNDING: f64 = 1e-6;
+
+/// What the pivot itself is worth, as a distinct pair and as a repeated one.
+fn own(problem: &Problem, (i, a): (usize, usize)) -> (f64, f64) {
+    let gain = problem.gain(i, a);
+    if problem.is_repeated(i, a) { (0.0, gain) } else { (gain, 0.0) }
 }
 
 /// Bins where a vote for the turns about `angle` begins and ends, on a circle of `bins`, a power of two. If it ends before it

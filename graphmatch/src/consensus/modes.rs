@@ -5,7 +5,7 @@ use super::ConsensusParams;
 use super::alike::Alike;
 use super::continuation::{APART, Continuation};
 use super::evidence::{Explanation, middle, refine, ties};
-use super::hypotheses::{Ray, hypotheses, rays};
+use super::hypotheses::{Hypotheses, Ray, rays};
 use super::polish::polish;
 use super::problem::Problem;
 use super::repeated::{central, repeated};
@@ -67,7 +67,7 @@ fn separate_modes(problem: &Problem, rays1: &[Vec<Ray>], rays2: &[Vec<Ray>]) -> 
     let mut found: Vec<Explanation> = Vec::new();
     let mut refined = 0;
     let mut best_sum = f64::NEG_INFINITY;
-    for hypothesis in hypotheses(problem, rays1, rays2, may_turn) {
+    for hypothesis in Hypotheses::new(problem, rays1, rays2, may_turn) {
         // A hypothesis' score is more than its pairs will be worth, so nothing below can come near the best.
         if refined >= problem.params.max_hypotheses || hypothesis.score < best_sum - HOPELESS {
             break;

@@ -5,8 +5,8 @@ use super::evidence::middle;
 /// The area a map covers: the convex hull of its objects, grown to what objects spread evenly would need.
 #[derive(Debug, Clone)]
 pub(super) struct Window {
-    /// Corners, counter-clockwise.
-    corners: Vec<Point2<f64>>,
+    /// Corners, counter-clockwise, and the way to the next.
+    sides: Vec<(Point2<f64>, Vector2<f64>)>,
     pub(super) area: f64,
     /// Centre of the hull's area.
     pub(super) centre: Point2<f64>,
@@ -24,15 +24,13 @@ impl Window {
         let centre = centre_of_area(&hull);
         let grown = grow(&hull, &centre, kept.sqrt().recip(), margin);
         let area = polygon_area(&grown).max(4.0 * margin * margin);
-        Self { corners: grown, area, centre, objects: points.len() }
+        let next = grown.iter().cycle().skip(1);
+        let sides = grown.iter().zip(next).map(|(corner, next)| (*corner, next - corner)).collect();
+        Self { sides, area, centre, objects: points.len() }
     }
 
     pub(super) fn contains(&self, p: &Point2<f64>) -> bool {
-        let n = self.corners.len();
-        (0..n).all(|k| {
-            let (a, b) = (self.corners[k], self.corners[(k + 1) % n]);
-            (b.x - a.x) * (p.y - a.y) - (b.y - a.y) * (p.x - a.x) >= 0.0
-        })
+        self.sides.iter().all(|(corner, side)| side.x * (p.y - corner.y) - side.y * (p.x - corner.x) >= 0.0)
     }
 }
 
