@@ -14,7 +14,7 @@ mod submap;
 use draco_lie::LieGroup;
 use draco_pgo::{Gauge, Kernel, Key, Marginals, PoseGraph2, SolveParams, solve};
 use draco_registration::correlative::{CorrelativeParams, Start, Target};
-use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 pub use params::{LocalSlamParams, LoopParams};
@@ -25,12 +25,15 @@ use crate::keyframe::Keyframe;
 use loops::OwnClosure;
 use scale::{CALIBRATION, ScaledStep, corrected};
 use step::ScanFactor;
+pub(crate) use step::turn_covariance;
 
 /// Information of the prior that holds the first keyframe, and of what the calibration may not do.
 const HELD: f64 = 1e10;
 
-/// Information given to directions in which nothing was seen, since the solver wants every direction to have some.
+/// Information given to directions in which nothing was seen, since the solver wants every direction to have some; and the
+/// share of the largest that is added, beyond what rounding may take.
 const UNKNOWN: f64 = 1e-6;
+const ROUNDING: f64 = 1e-10;
 
 /// What a factor of the robot's own graph comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,6 +96,8 @@ pub struct LocalSlam {
     bias: f64,
     /// Standard deviation of a step of odometry, as calibrated so far, metres.
     sigma: f64,
+    /// Standard deviation of what the matches' headings are off by beyond what they tell, as calibrated so far, radians.
+    turn: f64,
 }
 
 impl LocalSlam {
@@ -107,6 +112,7 @@ impl LocalSlam {
             closures: Vec::new(),
             scale: 1.0,
             bias: 0.0,
+            turn: 0.0,
         }
     }
 
@@ -169,6 +175,11 @@ impl LocalSlam {
         corrected(&step.odometry, self.scale, self.bias)
     }
 
+    /// What the scan says about a step, no surer than matches have proved to be.
+    fn seen(&self, step: &Step) -> Option<ScanFactor> {
+        step.scan.map(|scan| scan.turned(self.turn))
+    }
+
     /// Covariance of a step by odometry, in the frame of the later keyframe.
     fn odometry_covariance(&self) -> Matrix3<f64> {
         noise::covariance(self.sigma, self.params.odometry_sigma_angle)
@@ -186,18 +197,20 @@ impl LocalSlam {
         }
         let start = self.predicted(&self.steps[k - 1]);
         let prior = noise::covariance(self.params.odometry_sigma, self.params.odometry_sigma_angle);
-        let step = &self.params.step;
-        // what the lattice hides is no part of the posterior that the prior is taken out of again
-        let bare = CorrelativeParams { extra_sigma: 0.0, extra_sigma_angle: 0.0, ..*step };
-        let hidden = noise::covariance(step.extra_sigma, step.extra_sigma_angle);
-        let found = Target::new(&target, &bare)?
-            .locate(source, &Start { target_from_source: start, covariance: Some(prior) })?;
+        let start = Start { target_from_source: start, covariance: Some(prior) };
+        let locate = |params: &CorrelativeParams| {
+            Target::for_source(&target, params, source, &start.target_from_source)?.locate(source, &start)
+        };
+        let found = locate(&self.params.step)?;
+        self.steps[k - 1].scan = None;
         if found.score < self.params.step_min_score {
-            self.steps[k - 1].scan = None;
             return Ok((false, found.score));
         }
-        self.steps[k - 1].scan =
-            ScanFactor::without_prior(&found, &start, &prior).map(|scan| scan.blurred(&hidden));
+        let (bare, hidden) = without_hidden(&self.params.step_refinement);
+        let finer = locate(&bare)?;
+        let centroid = source.iter().map(|point| point.coords).sum::<Vector2<f64>>() / source.len() as f64;
+        let scan = ScanFactor::without_prior(&finer, &start.target_from_source, &prior, centroid);
+        self.steps[k - 1].scan = scan.map(|scan| scan.blurred(&hidden));
         Ok((self.steps[k - 1].scan.is_some(), found.score))
     }
 
@@ -228,8 +241,9 @@ impl LocalSlam {
         for (k, step) in self.steps.iter().enumerate() {
             let factor = ScaledStep::new(key(k), key(k + 1), step.odometry, sigma);
             graph.add_custom(std::sync::Arc::new(factor), Kernel::None)?;
-            if let Some(scan) = &step.scan {
-                let information = scan.information + Matrix3::identity() * UNKNOWN;
+            if let Some(scan) = self.seen(step) {
+                let least = UNKNOWN + ROUNDING * scan.information.amax();
+                let information = scan.information + Matrix3::identity() * least;
                 let kernel = Kernel::Cauchy(self.params.step_cauchy);
                 graph.add_between(key(k), key(k + 1), scan.measured, information, kernel)?;
             }
@@ -261,6 +275,7 @@ impl LocalSlam {
             self.bias = calibration.rotation.angle();
         }
         self.calibrate_noise();
+        self.calibrate_headings();
         Ok(())
     }
 
@@ -292,6 +307,11 @@ impl LocalSlam {
         self.sigma
     }
 
+    /// Standard deviation of what the matches' headings are off by beyond what they tell, as calibrated so far, radians.
+    pub fn match_turn(&self) -> f64 {
+        self.turn
+    }
+
     /// Loop closures in the map, as (earlier, later) keyframe.
     pub fn loop_closures(&self) -> Vec<(u32, u32)> {
         let accepted = self.closures.iter().filter(|closure| closure.accepted);
@@ -306,7 +326,7 @@ impl LocalSlam {
         let prior = self.odometry_covariance();
         let steps = self.steps.iter().enumerate().map(|(k, step)| {
             let odometry = self.predicted(step);
-            let (measured, covariance, kind) = match &step.scan {
+            let (measured, covariance, kind) = match self.seen(step) {
                 Some(scan) => {
                     // The weight the kernel gives it in this map, so that a plain graph of these factors has the
                     // same optimum.
@@ -332,6 +352,16 @@ impl LocalSlam {
         });
         steps.chain(closures).collect()
     }
+}
+
+/// The parameters with the smaller part of what the lattice hides, and the covariance of the rest.
+///
+/// A prior is taken out of the posterior again, and what the lattice hides is not part of that: it comes on afterwards. A
+/// quarter of its variance stays, for a posterior that lies on one pose of the lattice has no inverse.
+fn without_hidden(params: &CorrelativeParams) -> (CorrelativeParams, Matrix3<f64>) {
+    let (sigma, angle) = (0.5 * params.extra_sigma, 0.5 * params.extra_sigma_angle);
+    let bare = CorrelativeParams { extra_sigma: sigma, extra_sigma_angle: angle, ..*params };
+    (bare, 3.0 * noise::covariance(sigma, angle))
 }
 
 fn key(k: usize) -> Key {

@@ -1,6 +1,8 @@
 use draco_consistency::PcmParams;
 use draco_registration::correlative::CorrelativeParams;
 
+use crate::closure::refinement;
+
 /// What a robot's own SLAM assumes and when it believes a match.
 ///
 /// Lengths in metres, angles in radians. The defaults follow from the sensor and the keyframe policy (range 30 to
@@ -30,6 +32,9 @@ pub struct LocalSlamParams {
     pub bias_sigma: f64,
     /// Matching of one scan with the window. Its radius is 5 σ of a step.
     pub step: CorrelativeParams,
+    /// Second, finer matching over the same window: it tells the pose and its covariance, the first one whether to believe
+    /// the match. Default the kernel and the lattice of [`ClosureParams::refinement`](crate::closure::ClosureParams).
+    pub step_refinement: CorrelativeParams,
     /// Least score of a step match. Default 0.35: a third of the points has to lie on the map.
     pub step_min_score: f64,
     /// Scale of the Cauchy kernel on what a scan says about a step, in its standard deviations. Default 2: odometry, once
@@ -44,6 +49,7 @@ pub struct LocalSlamParams {
 
 impl Default for LocalSlamParams {
     fn default() -> Self {
+        let step = CorrelativeParams::default();
         Self {
             window: 15,
             voxel: 0.35,
@@ -53,7 +59,8 @@ impl Default for LocalSlamParams {
             odometry_sigma_angle: 0.015,
             scale_sigma: 0.15,
             bias_sigma: 0.003,
-            step: CorrelativeParams::default(),
+            step,
+            step_refinement: CorrelativeParams { radius: step.radius, angle: step.angle, ..refinement() },
             step_min_score: 0.35,
             step_cauchy: 2.0,
             loops: LoopParams::default(),
@@ -87,8 +94,7 @@ pub struct LoopParams {
     /// Matching of the source with the target.
     pub matching: CorrelativeParams,
     /// Second, finer search around what the first one found. It moves the closure; the covariance stays that of the first,
-    /// because the submaps are bent by more than the finer kernel knows. Default kernel 0.35 m, steps of 0.3 m within
-    /// 1.2 m and 0.05 rad, as for closures between robots.
+    /// because the submaps are bent by more than the finer kernel knows. Default as for closures between robots.
     pub refinement: CorrelativeParams,
     /// Scale of the Cauchy kernel, in standard deviations. Default 1.
     pub cauchy: f64,
@@ -107,7 +113,7 @@ impl Default for LoopParams {
             max_angle: 0.2,
             min_score: 0.4,
             matching: CorrelativeParams::default(),
-            refinement: crate::closure::ClosureParams::default().refinement,
+            refinement: refinement(),
             cauchy: 1.0,
         }
     }

@@ -1,6 +1,6 @@
 use draco_lie::LieGroup;
 use draco_registration::correlative::CorrelativeMatch;
-use nalgebra::{Isometry2, Matrix3, Vector3};
+use nalgebra::{Isometry2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Least ratio of the scan's own information to that of odometry for a direction to count as seen.
@@ -14,6 +14,18 @@ pub(super) struct ScanFactor {
     pub(super) measured: Isometry2<f64>,
     /// Information in the new keyframe's frame, order x, y, heading; positive semidefinite.
     pub(super) information: Matrix3<f64>,
+    /// Centroid of the scan's points in the new keyframe's frame, metres: what a wrong heading turns about.
+    pub(super) centroid: Vector2<f64>,
+}
+
+/// Covariance, in the frame of the points, of a turn by `sigma` radians about their centroid.
+pub(crate) fn turn_covariance(centroid: &Vector2<f64>, sigma: f64) -> Matrix3<f64> {
+    let about = turn_about(centroid);
+    sigma * sigma * about * about.transpose()
+}
+
+fn turn_about(centroid: &Vector2<f64>) -> Vector3<f64> {
+    Isometry2::new(*centroid, 0.0).adjoint().column(2).into_owned()
 }
 
 impl ScanFactor {
@@ -25,6 +37,7 @@ impl ScanFactor {
         found: &CorrelativeMatch,
         start: &Isometry2<f64>,
         prior: &Matrix3<f64>,
+        centroid: Vector2<f64>,
     ) -> Option<Self> {
         let root = prior.cholesky()?.l();
         let whiten = root.try_inverse()?;
@@ -43,7 +56,19 @@ impl ScanFactor {
         Some(Self {
             measured: start.plus(&(root * mean)),
             information: (information + information.transpose()) * 0.5,
+            centroid,
         })
+    }
+
+    /// The factor with headings that are off by `sigma` radians more than the match knew.
+    pub(super) fn turned(self, sigma: f64) -> Self {
+        self.blurred(&turn_covariance(&self.centroid, sigma))
+    }
+
+    /// What the factor knows of a turn about the centroid of its points.
+    pub(super) fn turning_information(&self) -> f64 {
+        let about = turn_about(&self.centroid);
+        about.dot(&(self.information * about)).max(0.0)
     }
 
     /// The factor with the information a Cauchy kernel of this scale leaves it at the estimate `relative`.
@@ -89,7 +114,7 @@ mod tests {
             background: 0.1,
             at_border: false,
         };
-        let scan = ScanFactor::without_prior(&found, &start, &prior).unwrap();
+        let scan = ScanFactor::without_prior(&found, &start, &prior, Vector2::zeros()).unwrap();
         let (pose, fused) = scan.fused(&start, &prior).unwrap();
         assert!(pose.minus(&found.target_from_source).norm() < 1e-3, "{pose}");
         assert!((fused - covariance).norm() < 1e-9, "{fused}");
@@ -108,7 +133,7 @@ mod tests {
             background: 0.1,
             at_border: false,
         };
-        let scan = ScanFactor::without_prior(&found, &start, &prior).unwrap();
+        let scan = ScanFactor::without_prior(&found, &start, &prior, Vector2::zeros()).unwrap();
         assert!(scan.information[(0, 0)].abs() < 1e-12, "{}", scan.information);
         assert!(scan.information[(1, 1)] > 10.0);
     }

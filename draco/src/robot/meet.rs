@@ -188,7 +188,10 @@ impl Robot {
             let target = self.own_submap(candidate.own);
             let start =
                 self.local.poses()[candidate.own as usize].inv_mul(&placed[candidate.partner as usize]);
-            let registered = closure::register(&target, &source, &start, &self.params.closure)?;
+            // the partner's matches are as good as the own ones, as far as anybody here knows
+            let turn = self.local.match_turn();
+            let registered = closure::register(&target, &source, &start, &self.params.closure)?
+                .map(|registered| registered.turned(&source, turn));
             partner.tested.insert(pair, registered.map(|r| r.passed));
             if let Some(registered) = registered.filter(|r| r.passed) {
                 let entry = ClosureEntry {
