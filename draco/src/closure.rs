@@ -2,11 +2,11 @@
 
 use std::ops::RangeInclusive;
 
-use draco_registration::correlative::{CorrelativeParams, FieldParams, Start, Target};
-use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
+use draco_registration::correlative::{CorrelativeParams, Start, Target};
+use nalgebra::{Isometry2, Matrix3, Point2};
 
 use crate::error::Error;
-use crate::local_slam::turn_covariance;
+use crate::matching::{centroid, refinement, turn_covariance};
 
 /// Which keyframe pairs to register, and which results to believe.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,7 +29,7 @@ pub struct ClosureParams {
     /// Half width of the search, metres and radians. Default 5 m and 0.12 rad, for an alignment good to 1 to 2 m.
     pub matching: CorrelativeParams,
     /// Second, finer search around what the first one found. Its narrower kernel tells the heading two to three times as
-    /// sharply. Default kernel 0.35 m, steps of 0.3 m within 1.2 m and 0.05 rad.
+    /// sharply. Default kernel 0.3 m, steps of 0.2 m within 1.2 m and 0.05 rad.
     pub refinement: CorrelativeParams,
     /// Least score. Default 0.45.
     pub min_score: f64,
@@ -67,22 +67,6 @@ impl Default for ClosureParams {
             max_residual_angle: 2f64.to_radians(),
             max_residual_sigmas: 4.0,
         }
-    }
-}
-
-/// The finer search, wherever a match is refined: half the width of the coarse kernel, and so twice as many points that
-/// tell something of their own; a field that ends where the kernel has.
-pub(crate) fn refinement() -> CorrelativeParams {
-    let coarse = CorrelativeParams::default();
-    let kernel_sigma = 0.5 * coarse.kernel_sigma;
-    CorrelativeParams {
-        field: FieldParams { cell: 0.1, reach: 3.0 * kernel_sigma },
-        kernel_sigma,
-        effective_points: 2.0 * coarse.effective_points,
-        step: 0.2,
-        radius: 1.2,
-        angle: 0.05,
-        ..coarse
     }
 }
 
@@ -159,10 +143,13 @@ pub struct Registered {
 }
 
 impl Registered {
-    /// The same, known to be off in heading by `sigma` radians more than the matcher tells, about the centroid of `source`.
+    /// The same, known to be off in heading by more than the matcher tells.
+    ///
+    /// * `source` – the points that were registered, metres, in the frame of the source keyframe; the turn is about their
+    ///   centroid.
+    /// * `sigma` – standard deviation of the turn, radians.
     pub fn turned(mut self, source: &[Point2<f64>], sigma: f64) -> Self {
-        let sum: Vector2<f64> = source.iter().map(|point| point.coords).sum();
-        self.covariance += turn_covariance(&(sum / source.len().max(1) as f64), sigma);
+        self.covariance += turn_covariance(&centroid(source), sigma);
         self
     }
 }

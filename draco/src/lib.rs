@@ -14,6 +14,7 @@ pub mod simulate;
 pub mod sonar;
 
 pub mod local_slam;
+mod matching;
 pub mod objects;
 pub mod robot_graph;
 

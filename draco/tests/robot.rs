@@ -22,7 +22,7 @@ const KEYFRAMES: usize = 32;
 
 /// Robots 1 and 3 of the harbor.
 fn pair_of_robots() -> MissionData {
-    let params = SimulationParams { keyframes: Some(KEYFRAMES), seed: 1, ..SimulationParams::default() };
+    let params = SimulationParams { keyframes: Some(KEYFRAMES), seed: 0, ..SimulationParams::default() };
     let mut data = simulate(&params).expect("defaults are valid");
     data.recordings.retain(|recording| recording.robot != 2);
     data
@@ -288,7 +288,7 @@ fn equal_missions_give_equal_results_to_the_bit() {
 #[test]
 fn partners_hold_exactly_the_closures_found_under_alignments_that_a_robot_believes() {
     // With this seed robots 1 and 2 withdraw an alignment on which closures had been announced.
-    let params = SimulationParams { seed: 2, ..SimulationParams::default() };
+    let params = SimulationParams { seed: 1, ..SimulationParams::default() };
     let mut data = simulate(&params).expect("defaults are valid");
     data.recordings.retain(|recording| recording.robot != 3);
     let flight = fly(&data, |_, _| {});

@@ -23,8 +23,9 @@
 //!   group of a robot pair repeats the pair's earlier slip `t` with probability `(n_t - 1 + α) / Σ n` (a Pitman-Yor
 //!   process, so the order does not matter and slips that repeat make repetition likelier); equal slips are no proof of
 //!   truth. Registrations that start from a told place of the maps share its error and so tend to the same wrong place;
-//!   between robots without a prior of their own `α` is `alpha_unplaced`, which is less. A slip new to the pair is a given one of another pair with `χ` times the weight of one never seen. A slip is
-//!   no shorter than `least_slip`: what the normal gives to shorter ones is taken back from each hypothesis;
+//!   between robots without a prior of their own `α` is `alpha_unplaced`, which is less. A slip new to the pair is a
+//!   given one of another pair with `χ` times the weight of one never seen. A slip is no shorter than `least_slip`: what
+//!   the normal gives to shorter ones is taken back from each hypothesis;
 //! * **yaw slip** ((1-π)(1-p_O)(1-p_T)): `β ~ N(0, S_Y)` about its place;
 //! * **gross** ((1-π) p_O (1-p_E)): `β ~ N(0, S_O)`;
 //! * **elsewhere** ((1-π) p_O p_E): `β ~ N(0, S_E)`, a wrong place, so wide that it does not pull at the map transform.

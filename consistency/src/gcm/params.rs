@@ -175,12 +175,17 @@ impl GcmParams {
         Self { accept: 0.5, reject: 0.5, withdraw: 0.5, ..Self::default() }
     }
 
+    /// Whether a group of which nothing is known, or a rejected one, is never accepted among sure ones.
+    fn accept_among_is_sure(&self) -> bool {
+        self.wrong_share == 0.0 || (self.reject <= self.accept_among && self.sound < self.accept_among)
+    }
+
     pub(crate) fn check(&self) -> Result<(), Error> {
         let open = |p: f64| p > 0.0 && p < 1.0;
         let probabilities = [
             ("accept", open(self.accept)),
             ("wrong_share", self.wrong_share >= 0.0 && self.wrong_share < 1.0),
-            ("accept_among", open(self.accept_among) && self.reject <= self.accept_among),
+            ("accept_among", open(self.accept_among) && self.accept_among_is_sure()),
             ("reject", open(self.reject) && self.reject <= self.accept),
             ("withdraw", self.withdraw > 0.0 && self.withdraw <= self.accept),
             ("sound", open(self.sound)),

@@ -1,5 +1,5 @@
 //! One robot's own map, keyframe by keyframe: odometry, matching of each scan with the last ones, loop closures with
-//! PCM, and the calibration of the odometry.
+//! PCM, and the calibration of the odometry and of the matches' headings.
 //!
 //! [`LocalSlam`] is a state machine: [`LocalSlam::add`] takes a keyframe, everything else reads. It has no clock, no
 //! thread and no randomness.
@@ -14,7 +14,7 @@ mod submap;
 use draco_lie::LieGroup;
 use draco_pgo::{Gauge, Kernel, Key, Marginals, PoseGraph2, SolveParams, solve};
 use draco_registration::correlative::{CorrelativeParams, Start, Target};
-use nalgebra::{Isometry2, Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
 use serde::{Deserialize, Serialize};
 
 pub use params::{LocalSlamParams, LoopParams};
@@ -22,17 +22,18 @@ pub use submap::merge;
 
 use crate::Error;
 use crate::keyframe::Keyframe;
+use crate::matching::centroid;
 use loops::OwnClosure;
 use scale::{CALIBRATION, ScaledStep, corrected};
 use step::ScanFactor;
-pub(crate) use step::turn_covariance;
 
 /// Information of the prior that holds the first keyframe, and of what the calibration may not do.
 const HELD: f64 = 1e10;
 
-/// Information given to directions in which nothing was seen, since the solver wants every direction to have some; and the
-/// share of the largest that is added, beyond what rounding may take.
+/// Information given to directions in which nothing was seen, since the solver wants every direction to have some.
 const UNKNOWN: f64 = 1e-6;
+
+/// Share of the largest entry that is added to that, so that rounding does not make such a direction negative.
 const ROUNDING: f64 = 1e-10;
 
 /// What a factor of the robot's own graph comes from.
@@ -202,14 +203,12 @@ impl LocalSlam {
             Target::for_source(&target, params, source, &start.target_from_source)?.locate(source, &start)
         };
         let found = locate(&self.params.step)?;
-        self.steps[k - 1].scan = None;
         if found.score < self.params.step_min_score {
             return Ok((false, found.score));
         }
         let (bare, hidden) = without_hidden(&self.params.step_refinement);
         let finer = locate(&bare)?;
-        let centroid = source.iter().map(|point| point.coords).sum::<Vector2<f64>>() / source.len() as f64;
-        let scan = ScanFactor::without_prior(&finer, &start.target_from_source, &prior, centroid);
+        let scan = ScanFactor::without_prior(&finer, &start.target_from_source, &prior, centroid(source));
         self.steps[k - 1].scan = scan.map(|scan| scan.blurred(&hidden));
         Ok((self.steps[k - 1].scan.is_some(), found.score))
     }
@@ -308,7 +307,7 @@ impl LocalSlam {
     }
 
     /// Standard deviation of what the matches' headings are off by beyond what they tell, as calibrated so far, radians.
-    pub fn match_turn(&self) -> f64 {
+    pub fn match_sigma_angle(&self) -> f64 {
         self.turn
     }
 

@@ -1,4 +1,5 @@
-//! How far odometry is off from step to step, from the scans that have been matched.
+//! How far odometry is off from step to step, and the matches' headings beyond what they tell, from the scans that have
+//! been matched.
 
 use draco_lie::LieGroup;
 use nalgebra::{Isometry2, Matrix3, Vector3};
@@ -146,7 +147,7 @@ mod tests {
                 Vector3::new(0.1 * draw(), 0.1 * draw(), sigma * draw() + wrong)
             });
             slam.calibrate_headings();
-            slam.match_turn()
+            slam.match_sigma_angle()
         };
         // odometry 0.015 and the matches 0.005 rad, as told
         assert!(turn(0.0158) < 0.012, "{}", turn(0.0158));

@@ -1,7 +1,7 @@
 use draco_consistency::PcmParams;
 use draco_registration::correlative::CorrelativeParams;
 
-use crate::closure::refinement;
+use crate::matching::refinement;
 
 /// What a robot's own SLAM assumes and when it believes a match.
 ///
@@ -30,10 +30,10 @@ pub struct LocalSlamParams {
     /// Standard deviation of an unknown constant error of the odometry's heading, radians a keyframe. Default 0.003: ten
     /// degrees over 60 keyframes, a gyro whose bias has been taken off at the start.
     pub bias_sigma: f64,
-    /// Matching of one scan with the window. Its radius is 5 σ of a step.
+    /// Matching of one scan with the window; its score tells whether to believe the match. Its radius is 5 σ of a step.
     pub step: CorrelativeParams,
-    /// Second, finer matching over the same window: it tells the pose and its covariance, the first one whether to believe
-    /// the match. Default the kernel and the lattice of [`ClosureParams::refinement`](crate::closure::ClosureParams).
+    /// Second, finer matching, also from odometry: it tells the pose and its covariance. Default the window of `step` with the
+    /// kernel and the lattice of [`ClosureParams::refinement`](crate::closure::ClosureParams::refinement).
     pub step_refinement: CorrelativeParams,
     /// Least score of a step match. Default 0.35: a third of the points has to lie on the map.
     pub step_min_score: f64,

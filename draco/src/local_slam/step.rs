@@ -3,6 +3,8 @@ use draco_registration::correlative::CorrelativeMatch;
 use nalgebra::{Isometry2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::matching::{turn_about, turn_covariance};
+
 /// Least ratio of the scan's own information to that of odometry for a direction to count as seen.
 const SEEN: f64 = 0.2;
 
@@ -16,16 +18,6 @@ pub(super) struct ScanFactor {
     pub(super) information: Matrix3<f64>,
     /// Centroid of the scan's points in the new keyframe's frame, metres: what a wrong heading turns about.
     pub(super) centroid: Vector2<f64>,
-}
-
-/// Covariance, in the frame of the points, of a turn by `sigma` radians about their centroid.
-pub(crate) fn turn_covariance(centroid: &Vector2<f64>, sigma: f64) -> Matrix3<f64> {
-    let about = turn_about(centroid);
-    sigma * sigma * about * about.transpose()
-}
-
-fn turn_about(centroid: &Vector2<f64>) -> Vector3<f64> {
-    Isometry2::new(*centroid, 0.0).adjoint().column(2).into_owned()
 }
 
 impl ScanFactor {

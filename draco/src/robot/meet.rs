@@ -189,7 +189,7 @@ impl Robot {
             let start =
                 self.local.poses()[candidate.own as usize].inv_mul(&placed[candidate.partner as usize]);
             // the partner's matches are as good as the own ones, as far as anybody here knows
-            let turn = self.local.match_turn();
+            let turn = self.local.match_sigma_angle();
             let registered = closure::register(&target, &source, &start, &self.params.closure)?
                 .map(|registered| registered.turned(&source, turn));
             partner.tested.insert(pair, registered.map(|r| r.passed));

@@ -52,7 +52,10 @@ impl Kernel {
         let reach = self.reach();
         let exponents = match *self {
             Self::Laplacian { mu } => differences.map(|d| -mu * d.abs()),
-            Self::Gaussian { sigma, .. } => differences.map(|d| -0.5 * (d / sigma) * (d / sigma)),
+            // what a wide gate lets through beyond the range of the exponential weighs nothing either way
+            Self::Gaussian { sigma, .. } => {
+                differences.map(|d| (-0.5 * (d / sigma) * (d / sigma)).max(-700.0))
+            }
             Self::Cutoff { .. } => [0.0; LANES],
         };
         let mut values = lanes::exp(&exponents);
