@@ -57,16 +57,16 @@ impl LocalSlam {
         let turned: Vec<(f64, f64)> = self
             .matched()
             .into_iter()
-            .filter(|(_, scan)| scan.turning_information() > 0.0)
-            .map(|(odometry, scan)| {
-                let variance = told * told + scan.turning_information().recip();
-                (scan.measured.minus(&odometry).z, variance)
+            .filter_map(|(odometry, scan)| {
+                let information = scan.turning_information();
+                let off = scan.measured.minus(&odometry).z;
+                (information > 0.0).then(|| (off, told * told + information.recip()))
             })
             .collect();
         let log_posterior = |turn: f64| {
             let likelihood = |(off, variance): &(f64, f64)| {
                 let variance = variance + turn * turn;
-                -0.5 * variance.ln() - 0.5 * (FREEDOM + 1.0) * (off * off / (FREEDOM * variance)).ln_1p()
+                -0.5 * variance.ln() + log_student(off * off / variance, 1.0)
             };
             turned.iter().map(likelihood).sum::<f64>() - 0.5 * (turn / told).powi(2)
         };
@@ -92,9 +92,12 @@ fn log_likelihood(odometry: &Isometry2<f64>, scan: &ScanFactor, noise: &Matrix3<
     let Some(inverse) = spread.try_inverse() else { return 0.0 };
     let off = scan.measured.minus(odometry);
     let chi2 = off.dot(&(inverse * information * off)).max(0.0);
-    let dimension = 3.0;
-    -0.5 * spread.determinant().max(f64::MIN_POSITIVE).ln()
-        - 0.5 * (FREEDOM + dimension) * (chi2 / FREEDOM).ln_1p()
+    -0.5 * spread.determinant().max(f64::MIN_POSITIVE).ln() + log_student(chi2, 3.0)
+}
+
+/// What Student's t takes off the logarithm of its density at `chi2` from the centre.
+fn log_student(chi2: f64, dimension: f64) -> f64 {
+    -0.5 * (FREEDOM + dimension) * (chi2 / FREEDOM).ln_1p()
 }
 
 #[cfg(test)]
@@ -107,7 +110,7 @@ mod tests {
     use super::super::{LocalSlamParams, Step};
     use super::*;
 
-    /// A robot with a match every step, each off by `off` of a normal draw.
+    /// A robot with a match every step, off from odometry by what `off` makes of the step's number and normal draws.
     fn matched(
         steps: usize,
         mut off: impl FnMut(usize, &mut dyn FnMut() -> f64) -> Vector3<f64>,

@@ -1,4 +1,5 @@
 use super::banded::Banded;
+use crate::lanes::LANES;
 
 /// Rows of a small matrix, eight of like length side by side, so that a product only reads: edge by edge it would write four
 /// places for each value.
@@ -12,8 +13,6 @@ pub(super) struct Rows {
     value: Vec<[f64; LANES]>,
 }
 
-/// Rows side by side: a vector of the widest machines.
-const LANES: usize = 8;
 /// Pairs, at most; a power of two. Larger matrices outgrow the cache.
 const PAIRS: usize = 4096;
 /// Entries, at most.
