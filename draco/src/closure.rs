@@ -38,14 +38,14 @@ pub struct ClosureParams {
     /// Factor on the matcher's covariance. Default 1.3: both submaps are bent, which the posterior does not know. With it
     /// the mean normalised error of accepted closures is 0.5 to 1.2 in the scenarios.
     pub covariance_factor: f64,
-    /// Farthest that an accepted closure may be from the team's estimate, metres; one beyond is taken back. Default 2.5 m,
-    /// past which a closure does not count as right.
+    /// Farthest that an accepted closure may be from the team's estimate, in medians of how far the accepted ones are, in
+    /// position and in heading; one beyond is taken back. Default 4.5: of normal errors, one heading in four hundred.
+    pub max_residual_medians: f64,
+    /// The same in metres, whatever the median. Default 2.5 m, past which a closure does not count as right.
     pub max_residual: f64,
     /// The same in heading, radians. Default 2°: short of the 2.5° past which a closure does not count as right, since the
     /// estimate's own headings are good to half a degree.
     pub max_residual_angle: f64,
-    /// The same in standard deviations, as large as the residuals of all accepted closures say that they are. Default 4.
-    pub max_residual_sigmas: f64,
 }
 
 impl Default for ClosureParams {
@@ -63,9 +63,9 @@ impl Default for ClosureParams {
             min_score: 0.45,
             max_far_ratio: 0.95,
             covariance_factor: 1.3,
+            max_residual_medians: 4.5,
             max_residual: 2.5,
             max_residual_angle: 2f64.to_radians(),
-            max_residual_sigmas: 4.0,
         }
     }
 }

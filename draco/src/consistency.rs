@@ -101,7 +101,9 @@ pub fn select(method: Method, evidence: &Evidence) -> Result<Judgement, Error> {
         Method::Gcm => {
             let params = GcmParams { reference: Some(reference), ..GcmParams::default() };
             let result = gcm(trajectories, closures, map_transforms, &params)?;
-            covariances = result.covariances;
+            // Without the bias that a group shares: the factor on the registrations' covariances was measured against the
+            // truth and holds it already.
+            covariances.iter_mut().for_each(|covariance| *covariance *= result.noise_scale);
             result.selection
         }
     };

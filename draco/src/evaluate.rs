@@ -58,19 +58,48 @@ pub fn absolute_trajectory_error<'a>(
     estimate: impl IntoIterator<Item = &'a Isometry2<f64>>,
     truth: impl IntoIterator<Item = &'a Option<Isometry2<f64>>>,
 ) -> Option<TrajectoryError> {
-    let pairs: Vec<_> = estimate
-        .into_iter()
-        .zip(truth)
-        .filter_map(|(estimate, truth)| {
-            Some((estimate.translation.vector, truth.as_ref()?.translation.vector))
-        })
-        .collect();
+    let pairs = positions(estimate, truth);
     if pairs.len() < 2 {
         return None;
     }
-    let truth_from_estimate = rigid_alignment(&pairs)?;
+    left_by(&rigid_alignment(&pairs)?, &pairs)
+}
+
+/// The same under an alignment that is known, as one robot's error in the frame of its team; `None` without a truth.
+///
+/// * `truth_from_estimate` – the alignment, as of the whole team.
+pub fn aligned_trajectory_error<'a>(
+    truth_from_estimate: &Isometry2<f64>,
+    estimate: impl IntoIterator<Item = &'a Isometry2<f64>>,
+    truth: impl IntoIterator<Item = &'a Option<Isometry2<f64>>>,
+) -> Option<TrajectoryError> {
+    left_by(truth_from_estimate, &positions(estimate, truth))
+}
+
+/// Estimated and true position of every pose that has a truth.
+fn positions<'a>(
+    estimate: impl IntoIterator<Item = &'a Isometry2<f64>>,
+    truth: impl IntoIterator<Item = &'a Option<Isometry2<f64>>>,
+) -> Vec<(Vector2<f64>, Vector2<f64>)> {
+    let pairs = estimate.into_iter().zip(truth);
+    pairs
+        .filter_map(|(estimate, truth)| {
+            Some((estimate.translation.vector, truth.as_ref()?.translation.vector))
+        })
+        .collect()
+}
+
+/// What the alignment leaves of the distances; `None` without pairs.
+fn left_by(
+    truth_from_estimate: &Isometry2<f64>,
+    pairs: &[(Vector2<f64>, Vector2<f64>)],
+) -> Option<TrajectoryError> {
+    if pairs.is_empty() {
+        return None;
+    }
+    let truth_from_estimate = *truth_from_estimate;
     let (mut sum_sq, mut max_sq) = (0.0, 0.0_f64);
-    for (estimate, truth) in &pairs {
+    for (estimate, truth) in pairs {
         let aligned = truth_from_estimate.rotation * estimate + truth_from_estimate.translation.vector;
         let distance_sq = (aligned - truth).norm_squared();
         sum_sq += distance_sq;

@@ -90,7 +90,7 @@ const KNOBS: &[Knob] = &[
     ("closure.covariance_factor", |p, f| p.closure.covariance_factor *= f),
     ("closure.max_residual", |p, f| p.closure.max_residual *= f),
     ("closure.max_residual_angle", |p, f| p.closure.max_residual_angle *= f),
-    ("closure.max_residual_sigmas", |p, f| p.closure.max_residual_sigmas *= f),
+    ("closure.max_residual_medians", |p, f| p.closure.max_residual_medians *= f),
     ("exchange.map_interval", |p, f| count(&mut p.exchange.map_interval, f)),
     ("exchange.object_interval", |p, f| count(&mut p.exchange.object_interval, f)),
 ];

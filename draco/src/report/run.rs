@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 
 use crate::evaluate::{ClosureGrade, Decision, HeadingTruth, TrajectoryError, absolute_trajectory_error};
-use crate::evaluate::{closure_nees, grade_closure};
+use crate::evaluate::{aligned_trajectory_error, closure_nees, grade_closure};
 use crate::keyframe::RobotId;
 
 /// All that a run has to say.
@@ -163,6 +163,13 @@ impl RunReport {
     pub fn team_error(&self) -> Option<TrajectoryError> {
         let estimate = self.merged().flat_map(|robot| &robot.trajectory);
         absolute_trajectory_error(estimate, self.merged().flat_map(|robot| &robot.truth))
+    }
+
+    /// Error of one merged robot in the common frame, under the one alignment of [`RunReport::team_error`]; `None` for one
+    /// that is not merged. Beside the error by its own alignment it shows whether the robot's map lies at its place.
+    pub fn error_in_team(&self, robot: &RobotReport) -> Option<TrajectoryError> {
+        let team = self.team_error().filter(|_| robot.merged)?;
+        aligned_trajectory_error(&team.truth_from_estimate, &robot.trajectory, &robot.truth)
     }
 
     fn heading(&self) -> HeadingTruth {

@@ -53,6 +53,8 @@ pub struct RobotSummary {
     pub ate_local_m: Option<f64>,
     /// The same for its final trajectory.
     pub ate_m: Option<f64>,
+    /// Position RMSE of its final trajectory after the one alignment of the whole team, metres; `null` if it is not merged.
+    pub ate_in_team_m: Option<f64>,
     /// Closures it proposed.
     pub closures: CountSummary,
     /// Bits it sent, by type of message; `repeat` are packets sent again, `status` what keeps the link going.
@@ -157,6 +159,7 @@ impl RunReport {
             ate_dead_reckoning_m: robot.dead_reckoning_error().map(rmse),
             ate_local_m: robot.local_error().map(rmse),
             ate_m: robot.error().map(rmse),
+            ate_in_team_m: self.error_in_team(robot).map(rmse),
             closures: self.count(|closure| closure.a.robot == robot.id),
             sent_bits: self.sent_bits(robot.id),
             refused: robot.refused.clone(),

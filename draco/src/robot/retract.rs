@@ -1,16 +1,16 @@
 //! Closures that the estimate made with them contradicts.
 
-use draco_lie::LieGroup;
-use nalgebra::Vector3;
-
 use super::Robot;
 use crate::closure::ClosureParams;
 use crate::evaluate::Decision;
 use crate::message::ClosureEntry;
 use crate::two_step::TeamEstimate;
+use draco_lie::LieGroup;
 
-/// Median of chi² with three degrees of freedom.
-const MEDIAN_CHI2: f64 = 2.366;
+/// A closure nearer than this to the estimate is never taken back, metres and radians: half the spacing of a scan's
+/// points, and what that is at the far end of a submap.
+const LEAST_RESIDUAL: f64 = 0.25;
+const LEAST_RESIDUAL_ANGLE: f64 = 0.0125;
 
 impl Robot {
     /// Takes back accepted closures that are too far from the team's estimate. Returns whether there were any.
@@ -35,29 +35,32 @@ impl Robot {
 }
 
 /// Which closures are near enough to the estimate; those between poses it does not hold are.
+///
+/// What is near is measured by what most closures are off: the estimate's own error and the registrations' both show in
+/// that, and a single covariance tells neither whether its map is bent nor whether its match slid.
 fn kept(closures: &[ClosureEntry], team: &TeamEstimate, params: &ClosureParams) -> Vec<bool> {
-    let residuals: Vec<Option<(Vector3<f64>, f64)>> = closures.iter().map(|c| residual(c, team)).collect();
-    let mut chi2: Vec<f64> = residuals.iter().flatten().map(|(_, chi2)| *chi2).collect();
-    chi2.sort_by(f64::total_cmp);
-    // the covariances' common misjudgement
-    let scale = chi2.get(chi2.len() / 2).map_or(1.0, |median| median / MEDIAN_CHI2);
-    let limit = scale * params.max_residual_sigmas.powi(2);
-    let near = |(off, chi2): (Vector3<f64>, f64)| {
-        off.xy().norm() <= params.max_residual && off.z.abs() <= params.max_residual_angle && chi2 <= limit
+    let residuals: Vec<Option<[f64; 2]>> = closures.iter().map(|c| residual(c, team)).collect();
+    let limit = |of: usize, least: f64, most: f64| {
+        let mut sizes: Vec<f64> = residuals.iter().flatten().map(|r| r[of]).collect();
+        sizes.sort_by(f64::total_cmp);
+        let median = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+        (params.max_residual_medians * median).clamp(least.min(most), most)
     };
-    residuals.into_iter().map(|residual| residual.is_none_or(near)).collect()
+    let position = limit(0, LEAST_RESIDUAL, params.max_residual);
+    let angle = limit(1, LEAST_RESIDUAL_ANGLE, params.max_residual_angle);
+    residuals.into_iter().map(|r| r.is_none_or(|[p, a]| p <= position && a <= angle)).collect()
 }
 
-/// What a closure and the estimate differ by, and its chi².
-fn residual(closure: &ClosureEntry, team: &TeamEstimate) -> Option<(Vector3<f64>, f64)> {
+/// What a closure and the estimate differ by: metres, radians.
+fn residual(closure: &ClosureEntry, team: &TeamEstimate) -> Option<[f64; 2]> {
     let estimated = team.pose(closure.target)?.between(team.pose(closure.source)?);
-    let off = closure.measured.between(&estimated).log();
-    Some((off, off.dot(&closure.covariance.cholesky()?.solve(&off))))
+    let off = closure.measured.between(&estimated);
+    Some([off.translation.vector.norm(), off.rotation.angle().abs()])
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Isometry2, Matrix3};
+    use nalgebra::{Isometry2, Matrix3, Vector3};
 
     use super::*;
     use crate::message::KeyframeId;
