@@ -36,33 +36,31 @@ impl Kernel {
     }
 
     pub(super) fn value(&self, difference: f64) -> f64 {
-        if difference.abs() > self.reach() {
-            return 0.0;
-        }
-        match *self {
-            Self::Laplacian { mu } => (-mu * difference.abs()).exp(),
-            Self::Gaussian { sigma, .. } => (-0.5 * (difference / sigma).powi(2)).exp(),
-            Self::Cutoff { .. } => 1.0,
-        }
+        if difference.abs() > self.reach() { 0.0 } else { self.exponents(&[difference])[0].exp() }
     }
 
     /// [`Kernel::value`] of differences side by side, to a few units in the last place.
     #[inline(always)]
     pub(super) fn values(&self, differences: &Lanes) -> Lanes {
         let reach = self.reach();
-        let exponents = match *self {
-            Self::Laplacian { mu } => differences.map(|d| -mu * d.abs()),
-            // what a wide gate lets through beyond the range of the exponential weighs nothing either way
-            Self::Gaussian { sigma, .. } => {
-                differences.map(|d| (-0.5 * (d / sigma) * (d / sigma)).max(-700.0))
-            }
-            Self::Cutoff { .. } => [0.0; LANES],
-        };
-        let mut values = lanes::exp(&exponents);
+        let mut values = lanes::exp(&self.exponents(differences));
         for lane in 0..LANES {
             values[lane] = if differences[lane].abs() > reach { 0.0 } else { values[lane] };
         }
         values
+    }
+
+    /// Logarithms of the values of differences within reach.
+    #[inline(always)]
+    fn exponents<const N: usize>(&self, differences: &[f64; N]) -> [f64; N] {
+        match *self {
+            Self::Laplacian { mu } => differences.map(|d| -mu * d.abs()),
+            // What a wide gate lets through beyond the range of the exponential weighs nothing either way.
+            Self::Gaussian { sigma, .. } => {
+                differences.map(|d| (-0.5 * (d / sigma) * (d / sigma)).max(-700.0))
+            }
+            Self::Cutoff { .. } => [0.0; N],
+        }
     }
 }
 
@@ -153,5 +151,28 @@ impl AffinityParams {
             return Err(Error::BadParameter { name: "min_edge", value, need: "finite and not negative" });
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_difference_is_worth_what_it_is_worth_beside_others() {
+        let kernels = [
+            Kernel::Laplacian { mu: 8.0 },
+            Kernel::Gaussian { sigma: 0.3, gate: 3.0 },
+            Kernel::Cutoff { sigma: 0.3, gate: 3.0 },
+        ];
+        let differences = [0.0, -0.1, 0.29, -0.5, 0.899, -0.901, 3.0, 4.0];
+        for kernel in kernels {
+            for (value, d) in kernel.values(&differences).into_iter().zip(differences) {
+                assert!((value - kernel.value(d)).abs() <= 1e-15 + 1e-14 * value, "{kernel:?} {d}");
+            }
+        }
+        assert!((kernels[0].value(-0.5) - (-4.0_f64).exp()).abs() < 1e-15);
+        assert!((kernels[1].value(0.6) - (-2.0_f64).exp()).abs() < 1e-15);
+        assert_eq!([kernels[2].value(0.89), kernels[2].value(0.91)], [1.0, 0.0]);
     }
 }

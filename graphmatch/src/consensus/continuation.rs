@@ -124,7 +124,8 @@ impl<'a> Continuation<'a> {
         best.1
     }
 
-    /// Evidence that the explanation's pairs lose under another transform.
+    /// Evidence that the explanation's pairs lose under another transform; what they gain there, as their own fit does not weigh
+    /// repeated ones less, tells nothing of the structures.
     fn strain(&self, found: &Explanation, transform: &Isometry2<f64>) -> f64 {
         let half_chi2 = |transform: &Isometry2<f64>| -> f64 {
             let weighed = weigh_repeated(self.problem, &found.pairs);
@@ -133,7 +134,7 @@ impl<'a> Continuation<'a> {
                 .map(|tie| 0.5 * tie.weight * (tie.first - transform * tie.second).norm_squared())
                 .sum()
         };
-        half_chi2(transform) - half_chi2(&found.map1_from_map2)
+        (half_chi2(transform) - half_chi2(&found.map1_from_map2)).max(0.0)
     }
 
     /// Whether both structures together fill their outline as each fills its own.
@@ -189,6 +190,10 @@ fn carry(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::consensus::ConsensusParams;
+    use crate::consensus::evidence::refine;
+    use crate::split_mix::SplitMix;
+    use crate::{NoSimilarity, Object};
 
     fn lattice(columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> Vec<Point2<f64>> {
         let place = |c: usize, r: usize| Point2::new(6.0 * c as f64, 6.0 * r as f64);
@@ -211,5 +216,34 @@ mod tests {
         let mut corner = lattice(0..6, 0..3);
         corner.extend(lattice(0..3, 3..6));
         assert!(places(&corner, 6.0) > 27.0 + 2.0 * MISSING);
+    }
+
+    #[test]
+    fn no_explanation_gains_more_than_the_most() {
+        let mut draw = SplitMix::new(5);
+        let mut noise = || 0.6 * (draw.below(1000) as f64 / 1000.0 - 0.5);
+        let params = ConsensusParams::default();
+        let places: Vec<Point2<f64>> =
+            lattice(0..6, 0..3).into_iter().chain([Point2::new(14.0, 21.0)]).collect();
+        let map1: Vec<Object> = places.iter().map(|p| Object::new(*p, 1.0, 1.0)).collect();
+        let shifts = [(6.0, 0.0), (0.0, 6.0)].map(|(x, y)| Vector2::new(x, y));
+        let shifts = shifts.map(|s| [s, -s]).concat();
+        let mut gained = 0;
+        for _ in 0..50 {
+            let seen = places.iter().map(|p| p + Vector2::new(noise(), noise()));
+            let map2: Vec<Object> = seen.map(|p| Object::new(p, 1.0, 1.0)).collect();
+            let mut problem = Problem::new(&map1, &map2, &NoSimilarity, &params);
+            (problem.repeated1, problem.repeated2) = (vec![true; 19], vec![true; 19]);
+            (problem.repeated1[18], problem.repeated2[18]) = (false, false);
+            let found = refine(&problem, &Isometry2::identity()).unwrap();
+            let continuation = Continuation::new(&problem, &shifts).unwrap();
+            let odds = continuation.log_odds(&found);
+            assert!(odds <= Continuation::MOST, "{odds}");
+            // The pairs' best fit when repeated ones weigh less.
+            let better = fit_rigid(&weigh_repeated(&problem, &found.pairs));
+            assert!(continuation.strain(&found, &better) >= 0.0);
+            gained += usize::from(odds > 0.0);
+        }
+        assert!(gained > 25, "{gained}");
     }
 }

@@ -1,8 +1,8 @@
 use std::f64::consts::TAU;
-use std::sync::LazyLock;
 
 use nalgebra::{Isometry2, Point2};
 
+use super::overlap::Overlap;
 use super::problem::Problem;
 use crate::rigid::{Tie, fit_rigid, information};
 
@@ -173,21 +173,20 @@ pub(super) fn weigh(
     if pair_sum < problem.least_sum(pairs.len()) {
         return None;
     }
-    let common = Common::new(problem, &transform, &pairs);
-    let inside = 0.5 * (common.inside1 + common.inside2);
-    let log_likelihood = pair_sum + log_detection(common.inside1 + common.inside2, common.paired);
+    let overlap = Overlap::new(problem, &transform, &pairs);
+    let log_likelihood = pair_sum + overlap.log_likelihood;
     // The peak is that of the likelihood as weighed.
     let determinant = information(&weigh_repeated(problem, &pairs)).determinant();
     if !(determinant.is_finite() && determinant > 0.0) {
         return None;
     }
     let peak = 1.5 * TAU.ln() - 0.5 * determinant.ln();
-    let log_evidence = log_likelihood + peak + log_prior(problem, &transform, common.share);
+    let log_evidence = log_likelihood + peak + overlap.log_prior;
     let discounted = (1.0 - weight) * repeated_sum;
     Some(Explanation {
         map1_from_map2: transform,
         pairs,
-        inside,
+        inside: overlap.inside,
         pair_sum,
         distinct_sum,
         discounted,
@@ -195,115 +194,6 @@ pub(super) fn weigh(
         log_evidence,
     })
 }
-
-/// Objects in the area that both maps cover. A map's repeated ones count for [`ONCE`] together, as their pairs do: which shift of
-/// a structure it is, neither its overlap nor its missing members can tell.
-struct Common {
-    inside1: f64,
-    inside2: f64,
-    paired: f64,
-    /// Share of all objects that lie in the common area.
-    share: f64,
-}
-
-impl Common {
-    fn new(problem: &Problem, transform: &Isometry2<f64>, pairs: &[(usize, usize)]) -> Self {
-        let inverse = transform.inverse();
-        let mut inside1: Vec<bool> =
-            problem.p1.iter().map(|p| problem.window2.contains(&(inverse * p))).collect();
-        let mut inside2: Vec<bool> =
-            problem.p2.iter().map(|p| problem.window1.contains(&(transform * p))).collect();
-        // A pair at the rim may have an end outside.
-        for &(i, a) in pairs {
-            inside1[i] = true;
-            inside2[a] = true;
-        }
-        let (weights1, weights2) = (Weights::new(&problem.repeated1), Weights::new(&problem.repeated2));
-        let of_pair = |&(i, a): &(usize, usize)| 0.5 * (weights1.of(i) + weights2.of(a));
-        let (count1, count2) = (weights1.sum(|i| inside1[i]), weights2.sum(|a| inside2[a]));
-        Self {
-            inside1: count1,
-            inside2: count2,
-            paired: pairs.iter().map(of_pair).sum(),
-            share: 0.5 * (count1 / weights1.sum(|_| true) + count2 / weights2.sum(|_| true)),
-        }
-    }
-}
-
-/// What each object of a map counts for.
-struct Weights<'a> {
-    repeated: &'a [bool],
-    weight: f64,
-}
-
-impl<'a> Weights<'a> {
-    fn new(repeated: &'a [bool]) -> Self {
-        let all = repeated.iter().filter(|r| **r).count() as f64;
-        Self { repeated, weight: (ONCE / all).min(1.0) }
-    }
-
-    fn of(&self, object: usize) -> f64 {
-        if self.repeated[object] { self.weight } else { 1.0 }
-    }
-
-    fn sum(&self, counts: impl Fn(usize) -> bool) -> f64 {
-        (0..self.repeated.len()).filter(|&k| counts(k)).map(|k| self.of(k)).sum()
-    }
-}
-
-/// Density of the transform before looking at the objects: any angle; as likely as not both robots were sent over one area, else
-/// any overlap is as likely as any other.
-///
-/// ```text
-/// 1 / (2π s²) · ( ½ / (−ln f) + ½ (s / σ)² exp(−d² / 2σ²) / 2π )
-/// ```
-/// where s is the sum of both areas' sides, f the share of the objects in the common area, d the distance of the areas' middles
-/// and σ what this distance is known to; the second term only where no map repeats itself.
-/// Poses spread evenly over the plane would overlap by a share f with density −ln f (two squares), mostly hardly at
-/// all; robots that compare maps were not dropped at random, so poses are weighed by 1/(−ln f).
-fn log_prior(problem: &Problem, transform: &Isometry2<f64>, share: f64) -> f64 {
-    let (window1, window2) = (&problem.window1, &problem.window2);
-    let sides = window1.area.sqrt() + window2.area.sqrt();
-    let objects = [window1, window2].map(|w| (w.objects.max(1) as f64).recip()).iter().sum::<f64>();
-    let scatter = SAME_AREA.powi(2) + HULL_CENTRE.powi(2) * objects;
-    let variance = 0.25 * sides * sides * scatter;
-    let apart = (window1.centre - transform * window2.centre).norm_squared();
-    let same = sides * sides / (TAU * variance) * (-0.5 * apart / variance).exp();
-    let partly = (-share.min(0.95).ln()).recip();
-    // A map that repeats itself is a stretch of something longer: where its middle lies tells nothing.
-    let one_area = if problem.repeats() { 0.0 } else { 0.5 };
-    -(TAU * sides * sides).ln() + ((1.0 - one_area) * partly + one_area * same).ln()
-}
-
-/// Standard deviation of the middle of an area from where a robot is sent, in sides of the area.
-const SAME_AREA: f64 = 0.03;
-/// Standard deviation of a coordinate of the centre of the hull of n points spread over a square, in sides over √n.
-const HULL_CENTRE: f64 = 0.15;
-
-/// What the unmatched objects say: with detection probability q, uniform on 0 … 1, of a shared object
-///
-/// ```text
-/// log ∫ exp(q Λ) q^k (1 − q)^(m₁ + m₂ − 2k) dq
-/// ```
-///
-/// where m₁, m₂ objects lie in the area that both maps cover, k of them are paired, and Λ = (m₁ + m₂)/2: the
-/// ratio of a Poisson field thinned to the common objects over two independent fields of the same density.
-fn log_detection(inside: f64, paired: f64) -> f64 {
-    let (lone, mean) = ((inside - 2.0 * paired).max(0.0), 0.5 * inside);
-    let values = DETECTION.map(|[q, log_q, log_rest]| mean * q + paired * log_q + lone * log_rest);
-    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let sum: f64 = values.iter().map(|value| (value - largest).exp()).sum();
-    largest + (sum / STEPS as f64).ln()
-}
-
-const STEPS: usize = 32;
-/// q, log q and log(1 − q) at the middles of equal steps.
-static DETECTION: LazyLock<[[f64; 3]; STEPS]> = LazyLock::new(|| {
-    std::array::from_fn(|step| {
-        let q = (step as f64 + 0.5) / STEPS as f64;
-        [q, q.ln(), (-q).ln_1p()]
-    })
-});
 
 /// Middle of a set of points.
 pub(super) fn middle(points: &[Point2<f64>]) -> Point2<f64> {

@@ -6,6 +6,7 @@ mod continuation;
 mod evidence;
 mod hypotheses;
 mod modes;
+mod overlap;
 mod polish;
 mod problem;
 mod repeated;
@@ -41,6 +42,9 @@ pub struct ConsensusParams {
     /// Least share of the best mode among all modes for [`Verdict::Unique`](crate::Verdict::Unique). Default 0.92,
     /// 2.4 nats ahead of all others together.
     pub unique_probability: f64,
+    /// Probability, before looking, that both robots were sent over one area, from 0 to below 1; else their areas overlap in
+    /// part. Default 0.75: robots that compare maps share a job. Maps that repeat themselves are not asked.
+    pub one_area: f64,
     /// Logarithm of the odds, before looking, that the maps have nothing in common; below it a best mode is
     /// [`Verdict::None`](crate::Verdict::None). Default −2.5: robots compare maps when they expect an overlap.
     pub log_odds_nothing: f64,
@@ -61,6 +65,7 @@ impl Default for ConsensusParams {
             mode_distance: 2.0,
             mode_angle: 10_f64.to_radians(),
             unique_probability: 0.92,
+            one_area: 0.75,
             log_odds_nothing: -2.5,
             min_pairs: 4,
         }
@@ -85,6 +90,10 @@ impl ConsensusParams {
         if !(0.0..=1.0).contains(&self.unique_probability) {
             let value = self.unique_probability;
             return Err(Error::BadParameter { name: "unique_probability", value, need: "between 0 and 1" });
+        }
+        if !(0.0..1.0).contains(&self.one_area) {
+            let value = self.one_area;
+            return Err(Error::BadParameter { name: "one_area", value, need: "from 0 to below 1" });
         }
         Ok(())
     }

@@ -65,6 +65,11 @@ struct Search<'a> {
     pairs: Vec<(usize, usize)>,
     /// Change of cost when the objects of a pair swap.
     change: Vec<f64>,
+    a_diagonal: Vec<f64>,
+    /// Room for what is counted afresh: diagonals of `placed` and `gradient`, changes of all swaps with one object.
+    b_diagonal: Vec<f64>,
+    g_diagonal: Vec<f64>,
+    counted: Vec<f64>,
     /// Swap at which object i may return to place k, at `i * n + k`.
     barred_until: Vec<f64>,
     /// The earlier and the later end of the bars that swapping a pair would break.
@@ -102,6 +107,10 @@ impl<'a> Search<'a> {
             image,
             gradient: vec![0.0; n * n],
             change: vec![0.0; pairs.len()],
+            a_diagonal: problem.a().diagonal().iter().copied().collect(),
+            b_diagonal: vec![0.0; n],
+            g_diagonal: vec![0.0; n],
+            counted: vec![0.0; n],
             barred_until: (0..n * n).map(|k| -((n * (k / n) + k % n) as f64)).collect(),
             earlier: vec![0.0; pairs.len()],
             later: vec![0.0; pairs.len()],
@@ -128,12 +137,6 @@ impl<'a> Search<'a> {
             search.renew_bars(i);
         }
         search
-    }
-
-    /// Where the pair of `i` and `j` is.
-    fn at(&self, i: usize, j: usize) -> usize {
-        let (i, j) = (i.min(j), i.max(j));
-        i * (2 * self.n - i - 1) / 2 + (j - i - 1)
     }
 
     #[inline(always)]
@@ -188,7 +191,7 @@ impl<'a> Search<'a> {
     #[inline(always)]
     fn swap(&mut self, r: usize, s: usize) {
         let n = self.n;
-        self.cost += self.change[self.at(r, s)];
+        self.cost += self.change[pair_of(r, s, n)];
         self.image.swap(r, s);
         for matrix in [&mut self.placed, &mut self.placed_rows] {
             for k in 0..n {
@@ -248,34 +251,61 @@ impl<'a> Search<'a> {
     #[inline(always)]
     fn count_changes(&mut self, i: usize) {
         let n = self.n;
-        let g = |x: usize, y: usize| self.gradient[x * n + y];
-        let rows = self.a_rows.as_slice();
-        let a = |x: usize, y: usize| rows[x * n + y];
-        let b = |x: usize, y: usize| self.placed[y * n + x];
-        for j in (0..n).filter(|&j| j != i) {
+        let line = i * n..(i + 1) * n;
+        let (a_row, a_column) =
+            (&self.a_rows.as_slice()[line.clone()], &self.problem.a().as_slice()[line.clone()]);
+        let (b_row, b_column) = (&self.placed_rows[line.clone()], &self.placed[line.clone()]);
+        let g_row = &self.gradient[line];
+        let (a_own, b_own, g_own) = (a_row[i], b_row[i], g_row[i]);
+        let a_diagonal = self.a_diagonal.as_slice();
+        for (k, (b, g)) in self.b_diagonal.iter_mut().zip(&mut self.g_diagonal).enumerate() {
+            (*b, *g) = (self.placed[k * (n + 1)], self.gradient[k * (n + 1)]);
+        }
+        let changes = self.counted.iter_mut().zip(self.gradient.chunks_exact(n));
+        let a = a_row.iter().zip(a_column).zip(a_diagonal);
+        let b = b_row.iter().zip(b_column).zip(&self.b_diagonal);
+        let g = g_row.iter().zip(&self.g_diagonal);
+        for ((((change, g_column), ((a_to, a_from), a_other)), ((b_to, b_from), b_other)), (g_to, g_other)) in
+            changes.zip(a).zip(b).zip(g)
+        {
             // The gradient's sums run over all k; i and j change their places themselves.
-            let own = (a(i, i) - a(j, i)) * (b(j, i) - b(i, i))
-                + (a(i, j) - a(j, j)) * (b(j, j) - b(i, j))
-                + (a(i, i) - a(i, j)) * (b(i, j) - b(i, i))
-                + (a(j, i) - a(j, j)) * (b(j, j) - b(j, i));
-            let crossed =
-                (a(i, i) - a(j, j)) * (b(j, j) - b(i, i)) + (a(i, j) - a(j, i)) * (b(j, i) - b(i, j));
-            let k = self.at(i, j);
-            self.change[k] = g(i, j) + g(j, i) - g(i, i) - g(j, j) - own + crossed;
+            let own = (a_own - a_from) * (b_from - b_own)
+                + (a_to - a_other) * (b_other - b_to)
+                + (a_own - a_to) * (b_to - b_own)
+                + (a_from - a_other) * (b_other - b_from);
+            let crossed = (a_own - a_other) * (b_other - b_own) + (a_to - a_from) * (b_from - b_to);
+            *change = g_to + g_column[i] - g_own - g_other - own + crossed;
+        }
+        for (j, k) in pairs_with(i, n) {
+            self.change[k] = self.counted[j];
         }
     }
 
     /// Brings the bars of all swaps with `i` up to date.
+    #[inline(always)]
     fn renew_bars(&mut self, i: usize) {
         let n = self.n;
-        for j in (0..n).filter(|&j| j != i) {
-            let to_j = self.barred_until[i * n + self.image[j]];
-            let to_i = self.barred_until[j * n + self.image[i]];
-            let k = self.at(i, j);
+        let (own, place) = (&self.barred_until[i * n..][..n], self.image[i]);
+        for (j, k) in pairs_with(i, n) {
+            let (to_j, to_i) = (own[self.image[j]], self.barred_until[j * n + place]);
             self.earlier[k] = to_j.min(to_i);
             self.later[k] = to_j.max(to_i);
         }
     }
+}
+
+/// All j other than i below n, each with where its pair with i is.
+#[inline(always)]
+fn pairs_with(i: usize, n: usize) -> impl Iterator<Item = (usize, usize)> {
+    let first = move |j: usize| (j, pair_of(j, i, n));
+    let second = move |j: usize| (j, pair_of(i, j, n));
+    (0..i).map(first).chain((i + 1..n).map(second))
+}
+
+/// Where the pair of i and j is among all i < j < n, row by row.
+#[inline(always)]
+fn pair_of(i: usize, j: usize, n: usize) -> usize {
+    i * (2 * n - i - 1) / 2 + (j - i - 1)
 }
 
 /// Pairs that are looked through at once.
