@@ -7,8 +7,9 @@ use std::time::Duration;
 use common::rng;
 use cpu_time::ProcessTime;
 use draco_consistency::Error;
-use draco_consistency::clique::{self, Budget, Incremental};
+use draco_consistency::clique::{self, Budget, Incremental, IncrementalWeight};
 use draco_consistency::graph::{Adjacency, Graph, SparseGraph, random};
+use rand::RngExt;
 
 /// CPU time that a search may take with a budget of 0.2 s, in a slow build: the last step is not cut short.
 const LONGEST: Duration = Duration::from_secs(8);
@@ -37,6 +38,39 @@ fn a_nearly_complete_graph_of_six_thousand_keeps_its_budget() {
         (a + 1..graph.len()).filter(|b| b / 3 != a / 3).for_each(|b| drop(graph.add_edge(a, b)));
     }
     within_budget(&graph);
+}
+
+/// Vertices of which each lacks a few others, weights 1 to 200.
+fn weighed_near_clique(n: usize) -> Graph {
+    let mut rng = rng(2);
+    let mut graph = Graph::new(n).unwrap();
+    for a in 0..n {
+        graph.set_weight(a, (a * 37 % 200 + 1) as f64).unwrap();
+        (0..a).filter(|_| rng.random_bool(0.998)).for_each(|b| drop(graph.add_edge(a, b)));
+    }
+    graph
+}
+
+#[test]
+fn weighed_near_cliques_of_thousands_keep_their_budget() {
+    for n in [1_500, 4_400] {
+        within_budget(&weighed_near_clique(n));
+    }
+}
+
+#[test]
+fn weighed_steps_through_thousands_keep_their_budget() {
+    let whole = weighed_near_clique(4_400);
+    let mut cliques = IncrementalWeight::new(Budget::time(Duration::from_millis(50)));
+    for v in 0..whole.len() {
+        let near: Vec<usize> = whole.neighbors(v).filter(|u| *u < v).collect();
+        let start = ProcessTime::now();
+        // where the search begins only at the end, steps before are settled at once
+        let near = if v < 4_390 { (0..v).collect() } else { near };
+        let best = cliques.insert(&near, whole.weight(v)).unwrap();
+        assert!(start.elapsed() < LONGEST, "step {v}: {:?}", start.elapsed());
+        assert!(best.value <= best.upper_bound);
+    }
 }
 
 #[test]

@@ -48,6 +48,7 @@ fn set(params: &mut GcmParams, assignment: &str) -> Option<()> {
         "spike" => params.spike.translation = value,
         "spike_rotation" => params.spike.rotation = value,
         "slip" => params.slip.translation = value,
+        "evidence_exponent" => params.evidence_exponent = value,
         "slip_rotation" => params.slip.rotation = value,
         "slip_share" => params.slip_share = value,
         "prior_sound" => params.prior_sound = value,

@@ -120,7 +120,7 @@ impl<'a, const W: usize> Split<'a, W> {
         let fixed = self.problem.weights[part.vertex];
         let rival = Rival { incumbent: &self.incumbent, index: index as u32, fixed };
         let known = self.incumbent.to_beat(rival.index, 0);
-        if known >= self.enough || !meter.tick() {
+        if known >= self.enough || !meter.tick() || !meter.look() {
             return None;
         }
         let alone = (fixed > known).then(|| vec![part.vertex]);

@@ -66,6 +66,11 @@ impl<const W: usize> Cores<W> {
         self.steps[1..].iter().map(|step| (step.set as usize, step.vertex as usize))
     }
 
+    /// Words that were looked at since [`Cores::start`], at most.
+    pub(super) fn work(&self) -> u64 {
+        (self.steps.len() * self.near.len() * W) as u64
+    }
+
     /// Goes on from [`Cores::start`]: whether there is a core among `sets`.
     #[inline(always)]
     pub(super) fn find(&mut self, adjacent: &[Set<W>], sets: &[Set<W>]) -> bool {

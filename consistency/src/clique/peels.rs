@@ -3,6 +3,11 @@
 use super::cores::{Cores, Fit};
 use super::rows::{Set, and_not, drop, empty, first, is_empty, put};
 
+/// Words that the cores of one node may look at, a tenth of a second; graphs of hundreds of vertices take a hundredth of
+/// it. Among thousands that are nearly all joined, most sets have one member and each forces a step through all others,
+/// for every vertex: hours.
+const MOST_WORK: u64 = 1 << 28;
+
 /// Scratch of [`Peels::branching`].
 pub(super) struct Peels<const W: usize> {
     /// Weight of each vertex that no stable set covers yet.
@@ -12,6 +17,8 @@ pub(super) struct Peels<const W: usize> {
     left: Vec<u64>,
     live: usize,
     cores: Cores<W>,
+    /// Words that cores looked at in this node.
+    work: u64,
     /// What was spent on the vertex at hand, to be taken back if that does not suffice.
     changes: Vec<Change>,
 }
@@ -31,6 +38,7 @@ impl<const W: usize> Peels<W> {
             left: Vec::new(),
             live: 0,
             cores: Cores::new(),
+            work: 0,
             changes: Vec::new(),
         }
     }
@@ -76,8 +84,10 @@ impl<const W: usize> Peels<W> {
             }
         }
         self.live = self.sets.len();
+        self.work = 0;
         let mut todo = rest;
-        while let Some(v) = first(&todo) {
+        // without cores more vertices are left to branch on, and nothing is wrong
+        while let Some(v) = first(&todo).filter(|_| self.work <= MOST_WORK) {
             drop(&mut todo, v);
             if self.pays(adjacent, v) {
                 drop(&mut rest, v);
@@ -103,7 +113,9 @@ impl<const W: usize> Peels<W> {
                     open -= self.cover(set, v, open);
                 }
                 Fit::Joined => {
-                    if !self.cores.find(adjacent, &self.sets[..self.live]) {
+                    let found = self.cores.find(adjacent, &self.sets[..self.live]);
+                    self.work += self.cores.work();
+                    if !found {
                         self.take_back(v);
                         return false;
                     }

@@ -83,6 +83,9 @@ pub(super) struct Rival<'a> {
     pub(super) fixed: u64,
 }
 
+/// Words of rows from which on each node looks at the clock.
+const WIDE: usize = 16;
+
 struct Search<'a, const W: usize> {
     within: Within<'a, W>,
     cover: &'a mut Cover<W>,
@@ -131,7 +134,8 @@ impl<const W: usize> Search<'_, W> {
             let known = rival.incumbent.to_beat(rival.index, self.best + rival.fixed);
             self.best = self.best.max(known.saturating_sub(rival.fixed));
         }
-        self.best < self.enough && self.meter.tick()
+        // a node of wide rows takes longer than a look at the clock
+        self.best < self.enough && self.meter.tick() && (W < WIDE || self.meter.look())
     }
 
     fn record(&mut self) {

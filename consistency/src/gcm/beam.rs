@@ -3,7 +3,7 @@ use std::rc::Rc;
 use nalgebra::{SMatrix, SVector};
 
 use super::params::GcmParams;
-use super::slips::share_longer;
+use super::slips::SlipPrior;
 use super::votes::{Kind, Votes};
 use crate::{Error, Pose};
 
@@ -25,7 +25,7 @@ pub(crate) enum State {
 pub(crate) struct Hypothesis<const N: usize> {
     /// log prior plus log likelihood.
     pub(crate) score: f64,
-    /// The score without slips that are too short to be any: what the posterior is made of.
+    /// The score with slips short and long and none too short to be any: what the posterior is made of.
     pub(crate) weight: f64,
     pub(crate) states: Vec<State>,
     sound_counts: SoundCounts,
@@ -112,7 +112,7 @@ pub(crate) fn search<const N: usize, G: Pose<N>>(
     for t in 0..votes.list.len() {
         beam.extend(votes, params, width, t)?;
     }
-    beam.exclude_short_slips::<G>(&votes.slip, params.least_slip);
+    beam.weigh_slips::<G>(&SlipPrior::new::<G>(params));
     Ok(beam)
 }
 
@@ -122,11 +122,12 @@ impl<const N: usize> Beam<N> {
         self.hypotheses.iter().reduce(|best, h| if h.weight > best.weight { h } else { best })
     }
 
-    /// Takes back what the scores give to slips shorter than `least` metres: a normal slip is near zero too, a step of a
-    /// structure never is.
-    fn exclude_short_slips<G: Pose<N>>(&mut self, slip: &SMatrix<f64, N, N>, least: f64) {
+    /// Gives each hypothesis the evidence of slips as they are thought of, instead of the one normal searched with.
+    fn weigh_slips<G: Pose<N>>(&mut self, prior: &SlipPrior<N>) {
         for hypothesis in &mut self.hypotheses {
-            hypothesis.weight = hypothesis.score + hypothesis.log_share_of_long_slips::<G>(slip, least);
+            // slips are taken one by one
+            let of = |slip: &Slip<N>| prior.log_evidence::<G>(&slip.mean, &slip.covariance);
+            hypothesis.weight = hypothesis.score + hypothesis.slips.iter().map(of).sum::<f64>();
         }
     }
 
@@ -246,15 +247,14 @@ impl<const N: usize> Hypothesis<N> {
                 push(State::BadPrior, (1.0 - params.prior_sound).ln(), covariance + bad, residual);
             }
             Kind::Cluster { single, spike, yaw, gross, elsewhere, neighbor, .. } => {
-                let slip_counts = self.slip_counts(votes, t);
-                let prior = StatePrior::new(
+                let prior = StatePrior {
+                    sound: self.sound_counts.predicted(*single, params),
+                    gross: if *single { params.gross_share_single } else { params.gross_share },
+                    alpha: if vote.placed { params.alpha } else { params.alpha_unplaced },
                     params,
-                    *single,
-                    vote.placed,
-                    &slip_counts,
-                    &self.sound_counts,
-                    neighbor.map(|(v, k)| (self.states[v], k)),
-                );
+                    slip_counts: &self.slip_counts(votes, t),
+                    neighbor: neighbor.map(|(v, kappa)| (self.states[v], kappa)),
+                };
                 push(State::Good, prior.log(State::Good), covariance + spike, residual);
                 push(State::YawSlip, prior.log(State::YawSlip), covariance + yaw, residual);
                 push(State::Gross, prior.log(State::Gross), covariance + gross, residual);
@@ -342,17 +342,6 @@ impl<const N: usize> Hypothesis<N> {
         }
     }
 
-    /// Sum over the slips `τ` of `log P(|τ| > least | ρ) - log P(|τ| > least)`: the evidence with the slips' prior cut
-    /// out below `least` over the evidence with the whole normal. Slips are taken one by one.
-    fn log_share_of_long_slips<G: Pose<N>>(&self, slip: &SMatrix<f64, N, N>, least: f64) -> f64 {
-        if least == 0.0 {
-            return 0.0;
-        }
-        let before = share_longer::<N, G>(&SVector::zeros(), slip, least);
-        let share = |slip: &Slip<N>| share_longer::<N, G>(&slip.mean, &slip.covariance, least);
-        self.slips.iter().map(|slip| (share(slip) / before).ln()).sum()
-    }
-
     /// `K_H⁻¹ ρ`, one block a vote.
     pub(crate) fn solution(&self) -> Vec<SVector<f64, N>> {
         let mut x: Vec<SVector<f64, N>> = self.rows.iter().map(|row| row.y).collect();
@@ -392,14 +381,15 @@ impl SoundCounts {
     }
 
     /// Predictive share of sound votes under `Beta(strength · share, strength · (1 - share))`.
-    fn predicted(&self, single: bool, share: f64, strength: f64) -> f64 {
+    fn predicted(&self, single: bool, params: &GcmParams) -> f64 {
         let (good, all) = self.0[usize::from(!single)];
-        share + (f64::from(good) - share * f64::from(all)) / (strength + f64::from(all))
+        let share = if single { params.sound_single } else { params.sound };
+        share + (f64::from(good) - share * f64::from(all)) / (params.sound_strength + f64::from(all))
     }
 }
 
 /// Prior of a cluster's state given the hypothesis so far.
-pub(crate) struct StatePrior<'a> {
+struct StatePrior<'a> {
     sound: f64,
     gross: f64,
     /// α of the robot pair.
@@ -410,25 +400,7 @@ pub(crate) struct StatePrior<'a> {
     neighbor: Option<(State, f64)>,
 }
 
-impl<'a> StatePrior<'a> {
-    pub(crate) fn new(
-        params: &'a GcmParams,
-        single: bool,
-        placed: bool,
-        slip_counts: &'a [u32],
-        sound_counts: &SoundCounts,
-        neighbor: Option<(State, f64)>,
-    ) -> Self {
-        let (sound, gross) = if single {
-            (params.sound_single, params.gross_share_single)
-        } else {
-            (params.sound, params.gross_share)
-        };
-        let sound = sound_counts.predicted(single, sound, params.sound_strength);
-        let alpha = if placed { params.alpha } else { params.alpha_unplaced };
-        Self { sound, gross, alpha, params, slip_counts, neighbor }
-    }
-
+impl StatePrior<'_> {
     fn independent(&self, state: State) -> f64 {
         let local = (1.0 - self.sound) * (1.0 - self.gross);
         let slips: u32 = self.slip_counts.iter().sum();
@@ -453,7 +425,7 @@ impl<'a> StatePrior<'a> {
         }
     }
 
-    pub(crate) fn log(&self, state: State) -> f64 {
+    fn log(&self, state: State) -> f64 {
         let independent = self.independent(state);
         match self.neighbor {
             Some((same, kappa)) => {

@@ -3,6 +3,8 @@ use std::collections::BTreeMap;
 use nalgebra::SVector;
 
 use super::beam::{Beam, Hypothesis, State};
+use super::clusters::Cluster;
+use super::params::GcmParams;
 use super::votes::{Kind, Votes};
 use crate::Pose;
 
@@ -42,6 +44,17 @@ impl Findings {
         }
         self.dropped = self.dropped.max(block.dropped);
         self.drift_scale = self.drift_scale.max(block.drift_scale);
+    }
+
+    /// Raises the evidence on each cluster, its posterior odds over its prior odds, to the power `evidence_exponent`.
+    pub(crate) fn weigh_evidence(&mut self, clusters: &[Cluster], params: &GcmParams) {
+        // shares of hypotheses may add up to a little more than one
+        let log_odds = |p: f64| p.clamp(0.0, 1.0).ln() - (1.0 - p.clamp(0.0, 1.0)).ln();
+        for (sound, cluster) in self.sound.iter_mut().zip(clusters) {
+            let prior = log_odds(if cluster.members.len() == 1 { params.sound_single } else { params.sound });
+            let evidence = params.evidence_exponent * (log_odds(*sound) - prior);
+            *sound = (1.0 + (-prior - evidence).exp()).recip();
+        }
     }
 
     /// Adds the posterior over the clusters `chosen`, `of` being the probability of the drift scale that it was found with.
@@ -91,6 +104,30 @@ impl Findings {
             for &member in &members {
                 self.slips.insert(member, (offset.clone(), members.clone()));
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn evidence_is_raised_to_its_power_about_the_prior_share() {
+        let params =
+            GcmParams { evidence_exponent: 2.0, sound: 0.7, sound_single: 0.6, ..Default::default() };
+        let cluster =
+            |size: usize| Cluster { robots: (0, 1), group: 0, members: (0..size).collect(), is_main: true };
+        let clusters = [2, 2, 2, 2, 2, 1, 1].map(cluster);
+        let mut findings = Findings::new(clusters.len());
+        // of groups: nothing known, odds of 21 to 1 where 7 to 3 were thought, certain either way; of lone ones: nothing, less
+        findings.sound = vec![0.7, 21.0 / 22.0, 1.0, 1.0 + 1e-15, 0.0, 0.6, 0.5];
+        findings.weigh_evidence(&clusters, &params);
+        let odds = 7.0 / 3.0 * 81.0;
+        let lone = 1.5 * (1.0f64 / 1.5).powi(2);
+        let expected = [0.7, odds / (1.0 + odds), 1.0, 1.0, 0.0, 0.6, lone / (1.0 + lone)];
+        for (p, expected) in findings.sound.iter().zip(expected) {
+            assert!((p - expected).abs() < 1e-12, "{p} {expected}");
         }
     }
 }

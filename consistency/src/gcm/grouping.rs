@@ -120,7 +120,7 @@ mod tests {
             (0..30).map(|k| [f64::from(k), f64::from(k)]).chain([[50.0, 0.0]]).collect();
         let members: Vec<usize> = (0..31).collect();
         let found = groups(&members, &stations, &GcmParams::default());
-        assert!(found.iter().all(|g| stations[g[g.len() - 1]][0] - stations[g[0]][0] < 18.0));
+        assert!(found.iter().all(|g| stations[g[g.len() - 1]][0] - stations[g[0]][0] < 12.0));
         assert_eq!(found.last(), Some(&vec![30]));
         assert_eq!(found.iter().map(Vec::len).sum::<usize>(), 31);
     }

@@ -33,7 +33,7 @@ pub enum GapUnit {
 pub struct GcmParams {
     /// The robot in whose map all are compared; default the smallest id of each connected team.
     pub reference: Option<u32>,
-    /// Posterior probability from which on a group is accepted whatever the others are; default 0.85, about what one vote
+    /// Posterior probability from which on a group is accepted whatever the others are; default 0.82, about what one vote
     /// ahead of a repeated slip gives.
     pub accept: f64,
     /// Largest expected share of wrong groups among the accepted ones of a team, up to which less sure groups are accepted
@@ -51,7 +51,7 @@ pub struct GcmParams {
     /// The same of lone closures; default 0.60.
     pub sound_single: f64,
     /// Weight of `sound` and `sound_single` against what the run itself shows, as a number of votes: the share is
-    /// estimated under `Beta(strength · π, strength · (1 - π))`; default 40, infinity fixes the share.
+    /// estimated under `Beta(strength · π, strength · (1 - π))`; default 20, infinity fixes the share.
     pub sound_strength: f64,
     /// Largest factor by which the drift's σ between groups may exceed what the trajectories tell. Default 1: they are
     /// taken at their word, since a drift taken too wide lets slips pass. Set it to 4 or 8 for maps known to be told
@@ -67,19 +67,22 @@ pub struct GcmParams {
     /// The same of lone closures; default 0.50.
     pub gross_share_single: f64,
     /// α, probability that a second slip between two robots repeats their first, where a prior tells how their maps lie: all
-    /// registrations of the two then start from the same error and tend to fall into the same wrong place; default 0.40.
+    /// registrations of the two then start from the same error and tend to fall into the same wrong place; default 0.65.
     /// Slips that do repeat raise it for the next. Raise it (0.9) in lattices known to alias.
     pub alpha: f64,
     /// The same of two robots without a prior between them: each of their registrations was found by itself, and a lattice
-    /// has two axes, two signs and more than one step to slip by; default 0.15.
+    /// has two axes, two signs and more than one step to slip by; default 0.05.
     pub alpha_unplaced: f64,
     /// χ, odds that a slip new to a robot pair is a given one of another pair rather than one never seen; default 0.05: other
     /// pairs start from other errors and meet in other places.
     pub alpha_across: f64,
+    /// γ, how much the evidence on a group counts, see the model; default 1.25, the maximum likelihood over generated
+    /// harbours of 30 % biased groups. 1 gives the posterior of the model as it is.
+    pub evidence_exponent: f64,
     /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
     pub spike: Sigma,
-    /// `S_T`: translation slip, in the common map frame; default 4 m, 0.015 rad: spacings of 2 to 6 m, and what repeats
-    /// itself lies parallel to within a degree.
+    /// `S_T`: translation slip, in the common map frame; default 3 m, 0.015 rad: spacings of 2 to 6 m, and what repeats
+    /// itself lies parallel to within a degree. A quarter of the slips is half as wide, a quarter twice.
     pub slip: Sigma,
     /// Slips shorter than this do not exist: what is off by less is harmless, metres; default 0.75, half the finest
     /// spacing of the structures thought of. 0 allows all.
@@ -103,7 +106,8 @@ pub struct GcmParams {
     pub unit: GapUnit,
     /// Closures at most this far apart (both robots) are one group; default 6.
     pub gap: f64,
-    /// A group stays shorter than this on each robot; default 18.
+    /// A group stays shorter than this on each robot; default 12, so that a pass of twice a sensor's range is one place and
+    /// a longer one is cut.
     pub extent: f64,
     /// ℓ, length over which neighbouring groups share their fate, and closures of a group their bias; default 4: pieces of
     /// one run that the extent cut apart share it (κ = 0.94 at a gap of 1), groups that the gap parted hardly do (0.1).
@@ -122,24 +126,25 @@ impl Default for GcmParams {
     fn default() -> Self {
         Self {
             reference: None,
-            accept: 0.85,
+            accept: 0.82,
             wrong_share: 0.05,
             accept_among: 0.75,
             reject: 0.25,
             withdraw: 0.60,
             sound: 0.70,
             sound_single: 0.60,
-            sound_strength: 40.0,
+            sound_strength: 20.0,
             drift_most: 1.0,
             drift_doubt: 6.0,
             slip_share: 0.90,
             gross_share: 0.03,
             gross_share_single: 0.50,
-            alpha: 0.40,
-            alpha_unplaced: 0.15,
+            alpha: 0.65,
+            alpha_unplaced: 0.05,
             alpha_across: 0.05,
+            evidence_exponent: 1.25,
             spike: Sigma::new(0.1, 0.005),
-            slip: Sigma::new(4.0, 0.015),
+            slip: Sigma::new(3.0, 0.015),
             least_slip: 0.75,
             yaw: Sigma::new(0.3, 0.07),
             gross: Sigma::new(6.0, 0.5),
@@ -150,7 +155,7 @@ impl Default for GcmParams {
             base: Sigma::new(15.0, 0.8),
             unit: GapUnit::Poses,
             gap: 6.0,
-            extent: 18.0,
+            extent: 12.0,
             correlation: 4.0,
             probability: 0.99,
             beam: 64,
@@ -161,12 +166,10 @@ impl Default for GcmParams {
 }
 
 impl GcmParams {
-    /// Accepts from 0.95 on alone and thinks repeated slips likelier (`alpha` and `alpha_unplaced` 0.6), between whichever
-    /// robots (`alpha_across` 1): for systems where one wrong merge is worse than many late ones.
+    /// Accepts from 0.95 on alone and thinks slips repeated as often where no prior is (`alpha_unplaced` 0.6), and between
+    /// whichever robots (`alpha_across` 1): for systems where one wrong merge is worse than many late ones.
     pub fn strict() -> Self {
-        let alpha = 0.6;
-        let slips = Self { alpha, alpha_unplaced: alpha, alpha_across: 1.0, ..Self::default() };
-        Self { accept: 0.95, wrong_share: 0.0, ..slips }
+        Self { accept: 0.95, wrong_share: 0.0, alpha_unplaced: 0.6, alpha_across: 1.0, ..Self::default() }
     }
 
     /// Accepts the more probable side and leaves nothing undecided: for systems that must merge. Its error is the
@@ -201,6 +204,7 @@ impl GcmParams {
             ("alpha_across", self.alpha_across > 0.0 && self.alpha_across.is_finite()),
             ("elsewhere_share", open(self.elsewhere_share)),
             ("prior_sound", open(self.prior_sound)),
+            ("evidence_exponent", self.evidence_exponent > 0.0 && self.evidence_exponent.is_finite()),
             ("probability", open(self.probability)),
             ("spike", self.spike.is_positive()),
             ("slip", self.slip.is_positive()),

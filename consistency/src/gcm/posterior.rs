@@ -8,7 +8,7 @@ use super::findings::Findings;
 use super::grouping::gap;
 use super::params::GcmParams;
 use super::problem::{Problem, components};
-use super::verdict::{Verdict, judge};
+use super::verdict::{Case, Verdict, sort, verdicts};
 use super::votes::Evidence;
 use crate::{Closure, Error, MapTransform, Pose, Selection, Trajectories, isotropic_covariance};
 
@@ -91,12 +91,15 @@ pub(crate) fn gcm_with_history<const N: usize, G: Pose<N>>(
         solve_team(&evidence, reference, robots, blocks, &mut findings)?;
     }
     blocks.forget_unused();
+    findings.weigh_evidence(clusters, params);
     let mut cluster_of = vec![0; closures.len()];
     for (index, cluster) in clusters.iter().enumerate() {
         cluster.members.iter().for_each(|&m| cluster_of[m] = index);
     }
     let team_of = |robot: u32| problem.teams.reference_of(robot);
-    let (selection, verdicts) = judge(clusters, &findings, params, held, !priors.is_empty(), team_of);
+    let case = Case { clusters, findings: &findings, params, held, has_priors: !priors.is_empty() };
+    let verdicts = verdicts(&case, team_of);
+    let selection = sort(&case, &verdicts);
     let covariances = hand_over(closures, &problem, &cluster_of, params);
     let posteriors = clusters.iter().zip(&findings.sound).zip(verdicts);
     Ok(Gcm {

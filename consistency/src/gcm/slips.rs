@@ -1,12 +1,101 @@
+use nalgebra::linalg::Cholesky;
 use nalgebra::{SMatrix, SVector};
 
-use crate::Pose;
+use super::params::GcmParams;
+use crate::{Pose, isotropic_covariance};
+
+/// Share and width over `S_T`'s of the normals that slips are made of: a scale known to within an octave.
+const WIDTHS: [(f64, f64); 3] = [(0.25, 0.5), (0.5, 1.0), (0.25, 2.0)];
+
+/// What is thought of a slip before any is seen: one of three widths, and none shorter than `least_slip`.
+///
+/// The beam searches with one normal as wide as all together in the mean square; afterwards each hypothesis gets the
+/// evidence of the mixture.
+pub(crate) struct SlipPrior<const N: usize> {
+    least: f64,
+    searched: SMatrix<f64, N, N>,
+    widths: [Width<N>; 3],
+}
+
+struct Width<const N: usize> {
+    information: SMatrix<f64, N, N>,
+    /// `log(share / sqrt(det S) / P(|t| > least))`.
+    log_weight: f64,
+}
+
+impl<const N: usize> SlipPrior<N> {
+    pub(crate) fn new<G: Pose<N>>(params: &GcmParams) -> Self {
+        let least = params.least_slip;
+        let width = |(share, factor): (f64, f64)| {
+            let metres = factor * params.slip.translation;
+            let covariance = isotropic_covariance::<N, G>(metres, params.slip.rotation);
+            let information = isotropic_covariance::<N, G>(metres.recip(), params.slip.rotation.recip());
+            let longer = share_longer::<N, G>(&SVector::zeros(), &covariance, least);
+            Width { information, log_weight: (share / longer).ln() + half_log_determinant(&information) }
+        };
+        let mean_square: f64 = WIDTHS.iter().map(|(share, factor)| share * factor * factor).sum();
+        Self {
+            least,
+            searched: isotropic_covariance::<N, G>(
+                mean_square.sqrt() * params.slip.translation,
+                params.slip.rotation,
+            ),
+            widths: WIDTHS.map(width),
+        }
+    }
+
+    /// The covariance that the beam searches with.
+    pub(crate) fn searched(&self) -> &SMatrix<f64, N, N> {
+        &self.searched
+    }
+
+    /// log of the evidence with this prior over the evidence with the normal searched with, under which the slip came out
+    /// as `mean` and `covariance`.
+    ///
+    /// ```text
+    /// 1/C_k = 1/C - 1/S + 1/S_k        η = m/C
+    /// ratio = Σ_k w_k sqrt(|S| |C_k| / (|S_k| |C|)) exp(½ η (C_k - C) η) P(|t| > least | η, C_k) / P(|t| > least | S_k)
+    /// ```
+    pub(crate) fn log_evidence<G: Pose<N>>(
+        &self,
+        mean: &SVector<f64, N>,
+        covariance: &SMatrix<f64, N, N>,
+    ) -> f64 {
+        let inverses = (Cholesky::new(*covariance), Cholesky::new(self.searched));
+        let (Some(found), Some(searched)) = inverses else { return 0.0 };
+        let (eta, seen) = (found.solve(mean), found.inverse() - searched.inverse());
+        let log_base =
+            half_log_determinant(covariance) - half_log_determinant(&self.searched) + 0.5 * eta.dot(mean);
+        let of_width = |width: &Width<N>| -> Option<f64> {
+            let inverse = seen + width.information;
+            let narrowed = Cholesky::new((inverse + inverse.transpose()) * 0.5)?.inverse();
+            let centre = narrowed * eta;
+            let log = width.log_weight + half_log_determinant(&narrowed) + 0.5 * eta.dot(&centre) - log_base;
+            Some(log + share_longer::<N, G>(&centre, &narrowed, self.least).ln())
+        };
+        let logs: Vec<f64> = self.widths.iter().filter_map(of_width).collect();
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if most.is_finite() {
+            most + logs.iter().map(|log| (log - most).exp()).sum::<f64>().ln()
+        } else {
+            0.0
+        }
+    }
+}
+
+/// `log sqrt(det S)`.
+fn half_log_determinant<const N: usize>(s: &SMatrix<f64, N, N>) -> f64 {
+    Cholesky::new(*s).map_or(f64::NAN, |factor| {
+        let l = factor.l();
+        (0..N).map(|i| l[(i, i)].ln()).sum()
+    })
+}
 
 /// `P(|t| > least)` of the translation `t` of a normal tangent vector, at least 1e-6.
 ///
 /// `|t|²` is a weighted sum of noncentral χ²; its mean and variance give a scaled χ² (Patnaik, 1949), and the cube root
 /// of that is nearly normal (Wilson and Hilferty, 1931). Does not depend on the axes.
-pub(crate) fn share_longer<const N: usize, G: Pose<N>>(
+fn share_longer<const N: usize, G: Pose<N>>(
     mean: &SVector<f64, N>,
     covariance: &SMatrix<f64, N, N>,
     least: f64,
@@ -41,11 +130,50 @@ fn normal_below(z: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use nalgebra::{Isometry2, Matrix3, Vector3};
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
+
+    /// A slip `τ` of the mixture is seen once, `r ~ N(τ, C)`: the evidence is an integral over its translation.
+    #[test]
+    fn evidence_of_the_mixture_is_that_of_a_grid_of_slips() {
+        const STEP: f64 = 0.02;
+        let params = GcmParams::default();
+        let prior = SlipPrior::<3>::new::<Isometry2<f64>>(&params);
+        let noise = Matrix3::from_diagonal(&Vector3::new(0.25, 0.36, 1e-4));
+        let normal = |x: f64, variance: f64| (-0.5 * x * x / variance).exp() / (TAU * variance).sqrt();
+        for seen in
+            [Vector3::new(0.3, -0.2, 0.01), Vector3::new(1.5, 0.4, 0.0), Vector3::new(-5.0, 3.0, -0.02)]
+        {
+            let mut mixture = 0.0;
+            for (i, j) in (-1500..1500).flat_map(|i| (-1500..1500).map(move |j| (i, j))) {
+                let (x, y) = ((f64::from(i) + 0.5) * STEP, (f64::from(j) + 0.5) * STEP);
+                if x.hypot(y) <= params.least_slip {
+                    continue;
+                }
+                let near = normal(seen[0] - x, 0.25) * normal(seen[1] - y, 0.36) * STEP * STEP;
+                for (share, sigma) in [(0.25, 1.5), (0.5, 3.0), (0.25, 6.0)] {
+                    // of a disc under a round normal
+                    let longer = (-0.5 * (params.least_slip / sigma).powi(2)).exp();
+                    mixture += share / longer * near * normal(x, sigma * sigma) * normal(y, sigma * sigma);
+                }
+            }
+            let all = prior.searched();
+            let searched = normal(seen[0], all[(0, 0)] + 0.25) * normal(seen[1], all[(1, 1)] + 0.36);
+            let gain = all * (all + noise).try_inverse().unwrap();
+            let (mean, covariance) = (gain * seen, all - gain * all);
+            let ours = prior.log_evidence::<Isometry2<f64>>(&mean, &covariance);
+            assert!(
+                (ours - (mixture / searched).ln()).abs() < 0.05,
+                "{seen}: {ours} {}",
+                (mixture / searched).ln()
+            );
+        }
+    }
 
     #[test]
     fn share_of_long_translations_is_that_of_samples() {

@@ -16,16 +16,19 @@ pub enum Verdict {
     Undecided,
 }
 
-/// The verdict of each cluster and the closures sorted by it. Clusters with a member in `held` have hysteresis; `team_of`
-/// names the connected team of a robot.
-pub(crate) fn judge(
-    clusters: &[Cluster],
-    findings: &Findings,
-    params: &GcmParams,
-    held: &BTreeSet<usize>,
-    has_priors: bool,
-    team_of: impl Fn(u32) -> Option<u32>,
-) -> (Selection, Vec<Verdict>) {
+/// What is to be judged: clusters, what was found of them, and what was accepted before.
+pub(crate) struct Case<'a> {
+    pub(crate) clusters: &'a [Cluster],
+    pub(crate) findings: &'a Findings,
+    pub(crate) params: &'a GcmParams,
+    /// Closures whose clusters have hysteresis.
+    pub(crate) held: &'a BTreeSet<usize>,
+    pub(crate) has_priors: bool,
+}
+
+/// The verdict of each cluster; `team_of` names the connected team of a robot.
+pub(crate) fn verdicts(case: &Case<'_>, team_of: impl Fn(u32) -> Option<u32>) -> Vec<Verdict> {
+    let Case { clusters, findings, params, held, .. } = *case;
     let mut verdicts: Vec<Verdict> = clusters
         .iter()
         .zip(&findings.sound)
@@ -41,9 +44,14 @@ pub(crate) fn judge(
     for team in teams.values() {
         accept_in_company(team, &findings.sound, params, &mut verdicts);
     }
-    let context = Context::new(clusters, &verdicts, findings, has_priors);
+    verdicts
+}
+
+/// The closures sorted by the verdict of their cluster, with reasons.
+pub(crate) fn sort(case: &Case<'_>, verdicts: &[Verdict]) -> Selection {
+    let context = Context::new(case, verdicts);
     let mut selection = Selection::default();
-    for (index, (cluster, verdict)) in clusters.iter().zip(&verdicts).enumerate() {
+    for (index, (cluster, verdict)) in case.clusters.iter().zip(verdicts).enumerate() {
         let list = match verdict {
             Verdict::Accepted => {
                 selection.accepted.extend(&cluster.members);
@@ -56,7 +64,7 @@ pub(crate) fn judge(
         list.extend(cluster.members.iter().map(|&closure| Rejection { closure, reason: reason.clone() }));
     }
     selection.sort();
-    (selection, verdicts)
+    selection
 }
 
 /// The verdict of a cluster whatever the others are.
@@ -104,7 +112,8 @@ struct Context<'a> {
 }
 
 impl<'a> Context<'a> {
-    fn new(clusters: &'a [Cluster], verdicts: &[Verdict], findings: &'a Findings, has_priors: bool) -> Self {
+    fn new(case: &Case<'a>, verdicts: &[Verdict]) -> Self {
+        let Case { clusters, findings, has_priors, .. } = *case;
         let sorted = |(a, b): (u32, u32)| (a.min(b), a.max(b));
         let accepted = clusters.iter().zip(verdicts).filter(|(_, v)| **v == Verdict::Accepted);
         let mut votes = BTreeMap::new();
@@ -164,7 +173,7 @@ mod tests {
     use super::*;
 
     /// Clusters of one closure each; robots `2 t` and `2 t + 1` are team `t`.
-    fn verdicts(told: &[(u32, f64)], params: &GcmParams, held: &[usize]) -> Vec<Verdict> {
+    fn verdicts_of(told: &[(u32, f64)], params: &GcmParams, held: &[usize]) -> Vec<Verdict> {
         let clusters: Vec<Cluster> = told
             .iter()
             .enumerate()
@@ -178,12 +187,13 @@ mod tests {
         let mut findings = Findings::new(told.len());
         findings.sound = told.iter().map(|&(_, p)| p).collect();
         let held = held.iter().copied().collect();
-        judge(&clusters, &findings, params, &held, true, |robot| Some(robot / 2)).1
+        let case = Case { clusters: &clusters, findings: &findings, params, held: &held, has_priors: true };
+        verdicts(&case, |robot| Some(robot / 2))
     }
 
     fn accepted(told: &[(u32, f64)], held: &[usize]) -> Vec<usize> {
         let params = GcmParams { accept: 0.85, accept_among: 0.75, wrong_share: 0.05, ..Default::default() };
-        let verdicts = verdicts(told, &params, held);
+        let verdicts = verdicts_of(told, &params, held);
         (0..told.len()).filter(|&c| verdicts[c] == Verdict::Accepted).collect()
     }
 
@@ -235,7 +245,7 @@ mod tests {
     fn without_a_share_of_wrong_ones_each_stands_alone() {
         let params = GcmParams { accept: 0.85, accept_among: 0.75, wrong_share: 0.0, ..Default::default() };
         let told = [(0, 1.0), (0, 1.0), (0, 1.0), (0, 1.0), (0, 0.84), (0, 0.2)];
-        let verdicts = verdicts(&told, &params, &[]);
+        let verdicts = verdicts_of(&told, &params, &[]);
         assert_eq!(verdicts[4..], [Verdict::Undecided, Verdict::Rejected]);
     }
 }

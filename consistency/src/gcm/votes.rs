@@ -7,6 +7,7 @@ use super::clusters::Cluster;
 use super::frames::Frames;
 use super::grouping::{Station, gap};
 use super::params::GcmParams;
+use super::slips::SlipPrior;
 use crate::pose::transported;
 use crate::{Closure, Error, MapTransform, Pose, Trajectories, isotropic_covariance};
 
@@ -106,7 +107,7 @@ impl<const N: usize> Votes<N> {
             drift: Vec::with_capacity(size),
             blocks: Vec::new(),
             list,
-            slip: isotropic_covariance::<N, G>(params.slip.translation, params.slip.rotation),
+            slip: *SlipPrior::new::<G>(params).searched(),
             base: isotropic_covariance::<N, G>(params.base.translation, params.base.rotation),
             reference: frames.reference,
         };
