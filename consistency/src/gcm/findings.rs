@@ -120,7 +120,8 @@ mod tests {
             |size: usize| Cluster { robots: (0, 1), group: 0, members: (0..size).collect(), is_main: true };
         let clusters = [2, 2, 2, 2, 2, 1, 1].map(cluster);
         let mut findings = Findings::new(clusters.len());
-        // of groups: nothing known, odds of 21 to 1 where 7 to 3 were thought, certain either way; of lone ones: nothing, less
+        // of groups: nothing known, odds of 21 to 1 where 7 to 3 were thought, certain either way;
+        // of lone ones: nothing, less
         findings.sound = vec![0.7, 21.0 / 22.0, 1.0, 1.0 + 1e-15, 0.0, 0.6, 0.5];
         findings.weigh_evidence(&clusters, &params);
         let odds = 7.0 / 3.0 * 81.0;

@@ -19,14 +19,14 @@
 //! `η` the registration noise, `β_g` the bias common to the group. A group is in one of the states
 //!
 //! * **good** (π): `β ~ N(0, S_b)`, a narrow spike;
-//! * **slip** ((1-π)(1-p_O) p_T): a shift `τ ~ ¼ N(0, S_T/4) + ½ N(0, S_T) + ¼ N(0, 4 S_T)` in the common frame: its scale is
-//!   known to within an octave. One normal says next to nothing of steps of 1 to 2 m, which are the ones that drift
-//!   hides. Slips are *shared*: a further slipped group of a robot pair repeats the pair's earlier slip `t` with
+//! * **slip** ((1-π)(1-p_O) p_T): a shift `τ ~ ¼ N(0, S_T/4) + ½ N(0, S_T) + ¼ N(0, 4 S_T)` in the common frame: its
+//!   scale is known to within an octave. One normal says next to nothing of steps of 1 to 2 m, which are the ones that
+//!   drift hides. Slips are *shared*: a further slipped group of a robot pair repeats the pair's earlier slip `t` with
 //!   probability `(n_t - 1 + α) / Σ n` (a Pitman-Yor process, so the order does not matter and slips that repeat make
-//!   repetition likelier); equal slips are no proof of truth. Registrations that start from a told place of the maps share its error and so tend to the same wrong place;
-//!   between robots without a prior of their own `α` is `alpha_unplaced`, which is less. A slip new to the pair is a
-//!   given one of another pair with `χ` times the weight of one never seen. A slip is no shorter than `least_slip`;
-//!   what the normals give to shorter ones is taken back;
+//!   repetition likelier); equal slips are no proof of truth. Registrations that start from a told place of the maps
+//!   share its error and so tend to the same wrong place; between robots without a prior of their own `α` is
+//!   `alpha_unplaced`, which is less. A slip new to the pair is a given one of another pair with `χ` times the weight
+//!   of one never seen. A slip is no shorter than `least_slip`; what the normals give to shorter ones is taken back;
 //! * **yaw slip** ((1-π)(1-p_O)(1-p_T)): `β ~ N(0, S_Y)` about its place;
 //! * **gross** ((1-π) p_O (1-p_E)): `β ~ N(0, S_O)`;
 //! * **elsewhere** ((1-π) p_O p_E): `β ~ N(0, S_E)`, a wrong place, so wide that it does not pull at the map transform.
@@ -54,8 +54,8 @@
 //! P_g = Σ over hypotheses with g good of softmax(weight)
 //! ```
 //!
-//! In `K_H` and in the search a slip has the one covariance `S`, the mixture's; the mixture itself comes in at the end, each slip by
-//! itself.
+//! In `K_H` and in the search a slip has the one covariance `S`, the mixture's; the mixture itself comes in at the end,
+//! each slip by itself.
 //!
 //! # Calibration
 //!
