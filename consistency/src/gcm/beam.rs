@@ -112,7 +112,7 @@ pub(crate) fn search<const N: usize, G: Pose<N>>(
     for t in 0..votes.list.len() {
         beam.extend(votes, params, width, t)?;
     }
-    beam.weigh_slips::<G>(&SlipPrior::new::<G>(params));
+    beam.weigh_slips::<G>(&votes.slip);
     Ok(beam)
 }
 
@@ -267,7 +267,7 @@ impl<const N: usize> Hypothesis<N> {
                     push(state, prior.log(state), shared, &(residual - slip.mean));
                 }
                 let fresh = State::Slip(self.slips.len() as u16);
-                push(fresh, prior.log(fresh), slipped + votes.slip, residual);
+                push(fresh, prior.log(fresh), slipped + votes.slip.searched(), residual);
             }
         }
     }
@@ -307,8 +307,8 @@ impl<const N: usize> Hypothesis<N> {
         if let State::Slip(joined) = child.state {
             let joined = usize::from(joined);
             if joined == next.slips.len() {
-                next.slips.push(Slip { mean: SVector::zeros(), covariance: votes.slip });
-                columns.push(votes.slip);
+                next.slips.push(Slip { mean: SVector::zeros(), covariance: *votes.slip.searched() });
+                columns.push(*votes.slip.searched());
             } else {
                 self.join(joined, &mut w, &mut columns);
             }
@@ -383,7 +383,7 @@ impl SoundCounts {
     /// Predictive share of sound votes under `Beta(strength · share, strength · (1 - share))`.
     fn predicted(&self, single: bool, params: &GcmParams) -> f64 {
         let (good, all) = self.0[usize::from(!single)];
-        let share = if single { params.sound_single } else { params.sound };
+        let share = params.sound_share(single);
         share + (f64::from(good) - share * f64::from(all)) / (params.sound_strength + f64::from(all))
     }
 }

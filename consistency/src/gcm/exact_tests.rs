@@ -129,13 +129,13 @@ fn covariance(votes: &Votes<3>, states: &[State]) -> DMatrix<f64> {
         for h in 0..=g {
             let mut block: Matrix3<f64> = *votes.block(g, h);
             if g != h && states[g] == states[h] && matches!(states[g], State::Slip(_)) {
-                block += votes.slip;
+                block += votes.slip.searched();
             }
             if g == h {
                 block += match (&votes.list[g].kind, states[g]) {
                     (Kind::Prior { bad }, State::BadPrior) => *bad,
                     (Kind::Cluster { spike, .. }, State::Good) => *spike,
-                    (Kind::Cluster { spike, .. }, State::Slip(_)) => spike + votes.slip,
+                    (Kind::Cluster { spike, .. }, State::Slip(_)) => spike + votes.slip.searched(),
                     (Kind::Cluster { yaw, .. }, State::YawSlip) => *yaw,
                     (Kind::Cluster { gross, .. }, State::Gross) => *gross,
                     (Kind::Cluster { elsewhere, .. }, State::Elsewhere) => *elsewhere,

@@ -51,7 +51,7 @@ impl Findings {
         // shares of hypotheses may add up to a little more than one
         let log_odds = |p: f64| p.clamp(0.0, 1.0).ln() - (1.0 - p.clamp(0.0, 1.0)).ln();
         for (sound, cluster) in self.sound.iter_mut().zip(clusters) {
-            let prior = log_odds(if cluster.members.len() == 1 { params.sound_single } else { params.sound });
+            let prior = log_odds(params.sound_share(cluster.members.len() == 1));
             let evidence = params.evidence_exponent * (log_odds(*sound) - prior);
             *sound = (1.0 + (-prior - evidence).exp()).recip();
         }
@@ -95,7 +95,7 @@ impl Findings {
         for ((vote, state), x) in votes.list.iter().zip(&best.states).zip(&solution) {
             if let (Kind::Cluster { cluster, .. }, State::Slip(_)) = (&vote.kind, state) {
                 let slip = slips.entry(*state).or_insert((SVector::zeros(), Vec::new()));
-                slip.0 += votes.slip * x;
+                slip.0 += votes.slip.searched() * x;
                 slip.1.extend(chosen.binary_search(cluster));
             }
         }

@@ -183,6 +183,11 @@ impl GcmParams {
         self.wrong_share == 0.0 || (self.reject <= self.accept_among && self.sound < self.accept_among)
     }
 
+    /// Prior share of sound ones among lone closures or among groups.
+    pub(crate) fn sound_share(&self, single: bool) -> f64 {
+        if single { self.sound_single } else { self.sound }
+    }
+
     pub(crate) fn check(&self) -> Result<(), Error> {
         let open = |p: f64| p > 0.0 && p < 1.0;
         let probabilities = [

@@ -11,12 +11,15 @@ const WIDTHS: [(f64, f64); 3] = [(0.25, 0.5), (0.5, 1.0), (0.25, 2.0)];
 ///
 /// The beam searches with one normal as wide as all together in the mean square; afterwards each hypothesis gets the
 /// evidence of the mixture.
+#[derive(Clone, Copy)]
 pub(crate) struct SlipPrior<const N: usize> {
     least: f64,
     searched: SMatrix<f64, N, N>,
+    searched_information: SMatrix<f64, N, N>,
     widths: [Width<N>; 3],
 }
 
+#[derive(Clone, Copy)]
 struct Width<const N: usize> {
     information: SMatrix<f64, N, N>,
     /// `log(share / sqrt(det S) / P(|t| > least))`.
@@ -34,12 +37,11 @@ impl<const N: usize> SlipPrior<N> {
             Width { information, log_weight: (share / longer).ln() + half_log_determinant(&information) }
         };
         let mean_square: f64 = WIDTHS.iter().map(|(share, factor)| share * factor * factor).sum();
+        let (metres, radians) = (mean_square.sqrt() * params.slip.translation, params.slip.rotation);
         Self {
             least,
-            searched: isotropic_covariance::<N, G>(
-                mean_square.sqrt() * params.slip.translation,
-                params.slip.rotation,
-            ),
+            searched: isotropic_covariance::<N, G>(metres, radians),
+            searched_information: isotropic_covariance::<N, G>(metres.recip(), radians.recip()),
             widths: WIDTHS.map(width),
         }
     }
@@ -61,11 +63,11 @@ impl<const N: usize> SlipPrior<N> {
         mean: &SVector<f64, N>,
         covariance: &SMatrix<f64, N, N>,
     ) -> f64 {
-        let inverses = (Cholesky::new(*covariance), Cholesky::new(self.searched));
-        let (Some(found), Some(searched)) = inverses else { return 0.0 };
-        let (eta, seen) = (found.solve(mean), found.inverse() - searched.inverse());
-        let log_base =
-            half_log_determinant(covariance) - half_log_determinant(&self.searched) + 0.5 * eta.dot(mean);
+        let Some(found) = Cholesky::new(*covariance) else { return 0.0 };
+        let (eta, seen) = (found.solve(mean), found.inverse() - self.searched_information);
+        let log_base = half_log_determinant(covariance)
+            + half_log_determinant(&self.searched_information)
+            + 0.5 * eta.dot(mean);
         let of_width = |width: &Width<N>| -> Option<f64> {
             let inverse = seen + width.information;
             let narrowed = Cholesky::new((inverse + inverse.transpose()) * 0.5)?.inverse();
@@ -101,6 +103,9 @@ fn share_longer<const N: usize, G: Pose<N>>(
     least: f64,
 ) -> f64 {
     const FLOOR: f64 = 1e-6;
+    if least == 0.0 {
+        return 1.0;
+    }
     let axes = 0..G::TRANSLATION;
     let (mut expected, mut variance) = (0.0, 0.0);
     for i in axes.clone() {
@@ -197,6 +202,8 @@ mod tests {
             let ours =
                 share_longer::<3, Isometry2<f64>>(&Vector3::new(mean.0, mean.1, 0.0), &covariance, 0.75);
             assert!((ours - share).abs() < 0.02, "{mean:?} {sigma:?}: {ours} {share}");
+            let all = share_longer::<3, Isometry2<f64>>(&Vector3::new(mean.0, mean.1, 0.0), &covariance, 0.0);
+            assert_eq!(all, 1.0);
         }
     }
 }

@@ -53,7 +53,7 @@ pub(crate) struct Votes<const N: usize> {
     fixed: Vec<SMatrix<f64, N, N>>,
     drift: Vec<SMatrix<f64, N, N>>,
     blocks: Vec<SMatrix<f64, N, N>>,
-    pub(crate) slip: SMatrix<f64, N, N>,
+    pub(crate) slip: SlipPrior<N>,
     pub(crate) base: SMatrix<f64, N, N>,
     pub(crate) reference: u32,
 }
@@ -107,7 +107,7 @@ impl<const N: usize> Votes<N> {
             drift: Vec::with_capacity(size),
             blocks: Vec::new(),
             list,
-            slip: *SlipPrior::new::<G>(params).searched(),
+            slip: SlipPrior::new::<G>(params),
             base: isotropic_covariance::<N, G>(params.base.translation, params.base.rotation),
             reference: frames.reference,
         };
