@@ -131,10 +131,7 @@ fn robots_at_different_sites_stay_apart() {
 
 #[test]
 fn every_consistency_test_and_every_optimisation_runs() {
-    let params =
-        SimulationParams { scenario: Scenario::Harbor, keyframes: Some(36), seed: 1, ..Default::default() };
-    let mut data = simulate(&params).expect("defaults are valid");
-    data.recordings.retain(|recording| recording.robot != 2);
+    let data = short_mission_of_two(1);
     for (method, name) in Method::ALL {
         let report = fly(&data, method, Optimisation::default());
         assert_eq!(report.consistency, name);
@@ -146,16 +143,32 @@ fn every_consistency_test_and_every_optimisation_runs() {
             assert_eq!(closures.accepted, closures.proposed, "none believes everything");
         }
     }
-    let full = team_ate(&fly(&data, Method::default(), Optimisation::Full));
-    for way in [Optimisation::TwoStep, Optimisation::AsCoded] {
+    for (way, name) in Optimisation::ALL {
         let ate = team_ate(&fly(&data, Method::default(), way));
-        println!("{way}: {ate:.4} m, full {full:.4} m");
-        assert!(ate < PLACE_BAR, "{way}: {ate} m");
-        if way == Optimisation::TwoStep {
-            // within 5 % in the mean of many missions (`experiment ate`); one short mission may be a centimetre off
-            assert!(ate <= 1.05 * full + 0.01, "{way}: {ate} m, full {full} m");
-        }
+        println!("{name}: {ate:.4} m");
+        assert!(ate < PLACE_BAR, "{name}: {ate} m");
     }
+}
+
+/// Robots 1 and 3 of the harbor for 36 keyframes.
+fn short_mission_of_two(seed: u64) -> MissionData {
+    let params =
+        SimulationParams { scenario: Scenario::Harbor, keyframes: Some(36), seed, ..Default::default() };
+    let mut data = simulate(&params).expect("defaults are valid");
+    data.recordings.retain(|recording| recording.robot != 2);
+    data
+}
+
+#[test]
+fn two_steps_are_within_five_percent_of_full_optimisation() {
+    let mean = |way: Optimisation| {
+        let of = |seed: u64| team_ate(&fly(&short_mission_of_two(seed), Method::default(), way));
+        let each = [1, 2, 3, 4].map(of);
+        println!("{way}: {each:.4?}");
+        each.iter().sum::<f64>() / each.len() as f64
+    };
+    let (full, two_step) = (mean(Optimisation::Full), mean(Optimisation::TwoStep));
+    assert!(two_step <= 1.05 * full, "two-step: {two_step} m, full {full} m");
 }
 
 #[test]
