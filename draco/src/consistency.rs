@@ -8,8 +8,6 @@ use draco_consistency::{
     gcm_group, gcm_pooled, pcm,
 };
 
-use nalgebra::Matrix3;
-
 use crate::error::Error;
 use crate::keyframe::RobotId;
 
@@ -75,8 +73,8 @@ pub struct Evidence {
 pub struct Judgement {
     /// Accepted, rejected and undecided closures, by their place in [`Evidence::closures`].
     pub selection: Selection,
-    /// Covariance to give each closure in the pose graph, frame and order as in [`Evidence::closures`].
-    pub covariances: Vec<Matrix3<f64>>,
+    /// Factor by which the closures' noise exceeds their covariances, as far as the test can tell.
+    pub noise_scale: f64,
 }
 
 /// Judges all closures of `evidence`.
@@ -86,7 +84,7 @@ pub struct Judgement {
 pub fn select(method: Method, evidence: &Evidence) -> Result<Judgement, Error> {
     let Evidence { reference, trajectories, closures, map_transforms } = evidence;
     let reference = *reference;
-    let mut covariances: Vec<_> = closures.iter().map(|closure| closure.covariance).collect();
+    let mut noise_scale = 1.0;
     let selection = match method {
         Method::None => Selection { accepted: (0..closures.len()).collect(), ..Selection::default() },
         Method::Pcm => pcm(trajectories, closures, &PcmParams::default())?,
@@ -101,13 +99,11 @@ pub fn select(method: Method, evidence: &Evidence) -> Result<Judgement, Error> {
         Method::Gcm => {
             let params = GcmParams { reference: Some(reference), ..GcmParams::default() };
             let result = gcm(trajectories, closures, map_transforms, &params)?;
-            // Without the bias that a group shares: the factor on the registrations' covariances was measured against the
-            // truth and holds it already.
-            covariances.iter_mut().for_each(|covariance| *covariance *= result.noise_scale);
+            noise_scale = result.noise_scale;
             result.selection
         }
     };
-    Ok(Judgement { selection, covariances })
+    Ok(Judgement { selection, noise_scale })
 }
 
 #[cfg(test)]

@@ -87,7 +87,7 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
             let merged = all.iter().filter(|f| f.report.merged().count() == f.report.robots.len()).count();
             let mut row: Vec<Cell> = head.to_vec();
             row.extend(of_robot.iter().map(|ate| Cell::number(*ate, 3)));
-            row.extend([Cell::number(mean(of_robot.iter().copied()), 3)]);
+            row.push(Cell::number(mean(of_robot.iter().copied()), 3));
             row.extend((0..3).map(|at| Cell::number(mean(all.iter().map(|f| in_team(f, at))), 3)));
             row.extend([
                 Cell::number(mean(all.iter().map(|f| team_ate(&f.report))), 3),

@@ -272,9 +272,14 @@ impl Robot {
     fn judge_and_estimate(&mut self, own_graph: &RobotGraph, entries: &[ClosureEntry]) -> Result<(), Error> {
         let evidence = self.evidence(own_graph, entries)?;
         let judgement = consistency::select(self.params.method, &evidence)?;
+        // Without the bias that a group shares: the factor on the registrations' covariances was measured against the truth
+        // and holds it already.
         let accepted = judgement.selection.accepted.iter();
         self.accepted = accepted
-            .map(|&i| ClosureEntry { covariance: judgement.covariances[i], ..entries[i].clone() })
+            .map(|&i| ClosureEntry {
+                covariance: entries[i].covariance * judgement.noise_scale,
+                ..entries[i].clone()
+            })
             .collect();
         self.team = self.team_problem(own_graph).solve(self.params.optimisation)?;
         self.record(entries, &judgement);

@@ -1,11 +1,12 @@
 //! Closures that the estimate made with them contradicts.
 
+use draco_lie::LieGroup;
+
 use super::Robot;
 use crate::closure::ClosureParams;
 use crate::evaluate::Decision;
 use crate::message::ClosureEntry;
 use crate::two_step::TeamEstimate;
-use draco_lie::LieGroup;
 
 /// A closure nearer than this to the estimate is never taken back, metres and radians: half the spacing of a scan's
 /// points, and what that is at the far end of a submap.
