@@ -52,6 +52,7 @@ const KNOBS: &[Knob] = &[
     ("local.loops.source_half", |p, f| count(&mut p.local.loops.source_half, f)),
     ("local.loops.target_half", |p, f| count(&mut p.local.loops.target_half, f)),
     ("local.loops.min_separation", |p, f| count(&mut p.local.loops.min_separation, f)),
+    ("local.loops.submaps_before", |p, f| count(&mut p.local.loops.submaps_before, f)),
     ("local.loops.max_distance", |p, f| p.local.loops.max_distance *= f),
     ("local.loops.per_keyframe", |p, f| count(&mut p.local.loops.per_keyframe, f)),
     ("local.loops.sigmas", |p, f| p.local.loops.sigmas *= f),

@@ -20,6 +20,13 @@ pub(super) struct OwnClosure {
     pub(super) accepted: bool,
 }
 
+/// The keyframes `k - half ..= k + half`.
+#[derive(Debug, Clone, Copy)]
+struct Submap {
+    k: usize,
+    half: usize,
+}
+
 impl OwnClosure {
     /// The inverse of the covariance.
     pub(super) fn information(&self) -> Result<Matrix3<f64>, Error> {
@@ -34,18 +41,30 @@ impl LocalSlam {
     pub(super) fn find_loops(&mut self, newest: usize) -> Result<usize, Error> {
         let params = &self.params.loops;
         let Some(source) = newest.checked_sub(params.source_half) else { return Ok(0) };
-        let targets = self.loop_targets(source);
+        let places = self.loop_targets(source).into_iter().map(|k| Submap { k, half: params.target_half });
+        let targets: Vec<_> = self.submaps_before(source).chain(places).collect();
         if targets.is_empty() {
             return Ok(0);
         }
         let marginals = self.marginals()?;
         let mut found = Vec::new();
         for target in targets {
-            found.extend(self.register_loop(source, target, &marginals)?);
+            found.extend(self.register_loop(source, &target, &marginals)?);
         }
         let count = found.len();
         self.closures.extend(found);
         Ok(count)
+    }
+
+    /// The submaps next before that of `source`, as large as it, that share no scan with it nor with each other.
+    ///
+    /// A step is matched with a whole window but tells only where it lies from the keyframe before; what the window has
+    /// bent in itself stays. These hold submap to submap.
+    fn submaps_before(&self, source: usize) -> impl Iterator<Item = Submap> + use<> {
+        let half = self.params.loops.source_half;
+        (1..=self.params.loops.submaps_before)
+            .map_while(move |count| source.checked_sub(count * (2 * half + 1)))
+            .map(move |k| Submap { k, half })
     }
 
     /// The nearest earlier keyframes, not next to each other.
@@ -68,17 +87,18 @@ impl LocalSlam {
         chosen
     }
 
-    /// Registers the surroundings of `source` with those of `target`.
+    /// Registers the surroundings of `source` with `target`.
     fn register_loop(
         &self,
         source: usize,
-        target: usize,
+        target: &Submap,
         marginals: &Marginals<Isometry2<f64>, 3>,
     ) -> Result<Option<OwnClosure>, Error> {
         let params = &self.params.loops;
         let around = |k: usize, half: usize| self.submap(k.saturating_sub(half), k + half, k);
         let points = around(source, params.source_half);
-        let map = around(target, params.target_half);
+        let map = around(target.k, target.half);
+        let target = target.k;
         if points.len() < self.params.min_points || map.len() < self.params.min_points {
             return Ok(None);
         }

@@ -79,6 +79,9 @@ pub struct LoopParams {
     /// Least number of keyframes between source and target. Default 10, so that the two share no scan and the window
     /// of the steps does not already hold both.
     pub min_separation: usize,
+    /// How many of the submaps right before that of the source it is registered with as well, each of as many keyframes and
+    /// with no scan in two of them. Default 2, so that they reach over the window of the steps.
+    pub submaps_before: usize,
     /// Largest distance between the two keyframes, metres. Default 30 m, where views of a 50 m sonar still overlap.
     pub max_distance: f64,
     /// Targets tried for one source. Default 3.
@@ -89,7 +92,8 @@ pub struct LoopParams {
     pub radius: (f64, f64),
     /// Largest search in heading, radians. Default 0.2.
     pub max_angle: f64,
-    /// Least score. Default 0.4, above that of a step because there is no short prior.
+    /// Least score. Default 0.35, that of a step: what is wrong for want of a short prior is for the test and the kernel to
+    /// find.
     pub min_score: f64,
     /// Matching of the source with the target.
     pub matching: CorrelativeParams,
@@ -106,12 +110,13 @@ impl Default for LoopParams {
             source_half: 2,
             target_half: 4,
             min_separation: 10,
+            submaps_before: 2,
             max_distance: 30.0,
             per_keyframe: 3,
             sigmas: 3.0,
             radius: (2.0, 10.0),
             max_angle: 0.2,
-            min_score: 0.4,
+            min_score: 0.35,
             matching: CorrelativeParams::default(),
             refinement: refinement(),
             cauchy: 1.0,
