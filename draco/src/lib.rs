@@ -40,4 +40,4 @@ pub mod report;
 pub mod experiment;
 pub mod state;
 
-pub use error::Error;
+pub use error::{ChaosFailure, Error};
