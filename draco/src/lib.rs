@@ -16,6 +16,7 @@ pub mod sonar;
 pub mod local_slam;
 mod matching;
 pub mod objects;
+mod placement;
 pub mod robot_graph;
 
 pub mod link;
