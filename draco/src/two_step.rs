@@ -301,7 +301,7 @@ mod tests {
         let graphs = (1..=4).map(|robot| (robot, &graph)).collect();
         let problem = TeamProblem { reference: 1, graphs, closures: &closures };
         let placed = problem.placements();
-        let x = |robot: RobotId| placed.get(&robot).map(|place| (place.translation.x * 10.0).round() / 10.0);
+        let x = |robot: RobotId| placed.get(&robot).map(|place| place.translation.x.round());
         assert_eq!([1, 2, 3, 4].map(x), [Some(0.0), Some(10.0), Some(5.0), None]);
         for optimisation in [Optimisation::TwoStep, Optimisation::Full] {
             let team = problem.solve(optimisation).expect("a sound graph");
