@@ -58,13 +58,14 @@ impl FromStr for Method {
 /// What a test needs to know.
 #[derive(Debug, Clone)]
 pub struct Evidence {
-    /// The robot in whose map the test is done.
+    /// The robot that judges. `gcm` compares in the map of the robot with the lowest number of those that closures join,
+    /// whoever judges; the tests of the published system in this robot's.
     pub reference: RobotId,
     /// Trajectories of all robots that closures touch, with the covariance of the keyframes touched.
     pub trajectories: Trajectories2,
     /// The closures to judge.
     pub closures: Vec<Closure2>,
-    /// Where the partners' maps lie, from map alignment: never from the closures that are judged.
+    /// Where maps lie, from map alignment: never from the closures that are judged.
     pub map_transforms: Vec<MapTransform2>,
 }
 
@@ -97,8 +98,7 @@ pub fn select(method: Method, evidence: &Evidence) -> Result<Judgement, Error> {
             gcm_group(trajectories, closures, map_transforms, &params)?
         }
         Method::Gcm => {
-            let params = GcmParams { reference: Some(reference), ..GcmParams::default() };
-            let result = gcm(trajectories, closures, map_transforms, &params)?;
+            let result = gcm(trajectories, closures, map_transforms, &GcmParams::default())?;
             noise_scale = result.noise_scale;
             result.selection
         }

@@ -74,18 +74,13 @@ pub enum Error {
         /// Keyframe measured.
         to: u32,
     },
-    /// A seed of the experiment `chaos` on which something did not hold that must.
-    #[error(
-        "{failed} seeds failed, the first is {seed}: {reason}; it is repeated by `draco experiment chaos --first-seed \
-         {seed} --seeds 1`"
-    )]
+    /// Seeds of the experiment `chaos` on which something did not hold that must.
+    #[error("{} of {flown} seeds broke what must hold{}", failures.len(), lines(failures))]
     Chaos {
-        /// The first seed that failed.
-        seed: u64,
-        /// How many failed.
-        failed: usize,
-        /// What did not hold.
-        reason: String,
+        /// How many seeds were flown.
+        flown: usize,
+        /// Those that failed, ascending in seed.
+        failures: Vec<ChaosFailure>,
     },
     /// A state file that cannot be used.
     #[error("{reason}")]
@@ -128,12 +123,41 @@ pub enum Error {
     },
 }
 
+/// A seed of the experiment `chaos` that failed; told with the command that repeats it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("seed {seed}: {reason}; repeat with `draco experiment chaos --first-seed {seed} --seeds 1`")]
+pub struct ChaosFailure {
+    /// The seed.
+    pub seed: u64,
+    /// What did not hold.
+    pub reason: String,
+}
+
 impl Error {
     pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
         Self::Io { path: path.to_path_buf(), source }
     }
 }
 
+fn lines(failures: &[ChaosFailure]) -> String {
+    failures.iter().map(|failure| format!("\n{failure}")).collect()
+}
+
 fn column_prefix(column: &Option<String>) -> String {
     column.as_ref().map(|name| format!("column `{name}`: ")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_failed_seed_is_told_with_its_command() {
+        let failure = |seed, reason: &str| ChaosFailure { seed, reason: reason.into() };
+        let error = Error::Chaos { flown: 50, failures: vec![failure(7, "apart"), failure(31, "panic: no")] };
+        let expected = "2 of 50 seeds broke what must hold\n\
+            seed 7: apart; repeat with `draco experiment chaos --first-seed 7 --seeds 1`\n\
+            seed 31: panic: no; repeat with `draco experiment chaos --first-seed 31 --seeds 1`";
+        assert_eq!(error.to_string(), expected);
+    }
 }

@@ -16,6 +16,7 @@ pub mod sonar;
 pub mod local_slam;
 mod matching;
 pub mod objects;
+mod placement;
 pub mod robot_graph;
 
 pub mod link;
@@ -40,4 +41,4 @@ pub mod report;
 pub mod experiment;
 pub mod state;
 
-pub use error::Error;
+pub use error::{ChaosFailure, Error};

@@ -1,5 +1,6 @@
 //! The team's poses from everybody's own graphs and the closures between them.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::str::FromStr;
@@ -7,12 +8,13 @@ use std::str::FromStr;
 use draco_lie::LieGroup;
 use draco_pgo::distributed::{Link, Neighbour, TwoStepVariant, two_step};
 use draco_pgo::{Kernel, Key, PoseGraph2, SolveParams, solve};
-use nalgebra::{Isometry2, Matrix3, Vector3};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::keyframe::RobotId;
 use crate::message::{ClosureEntry, KeyframeId};
+use crate::placement::{Implied, medoid};
 use crate::robot_graph::RobotGraph;
 
 /// Kernel of closures between robots. A consistency test has passed them, but a test can be wrong.
@@ -111,41 +113,47 @@ pub struct TeamProblem<'a> {
     pub reference: RobotId,
     /// The robots' own graphs. Those that no chain of closures joins to the reference are left out.
     pub graphs: BTreeMap<RobotId, &'a RobotGraph>,
-    /// Where to start: the last estimate of where each map lies in the reference's. A robot without an entry starts
-    /// where its first closure puts it.
-    pub reference_from_map: BTreeMap<RobotId, Isometry2<f64>>,
     /// Accepted closures.
     pub closures: &'a [ClosureEntry],
 }
 
 impl TeamProblem<'_> {
     /// The robots that closures join to the reference, each with the place of its map to start from.
+    ///
+    /// A robot joins where the middle one of its closures to those placed already puts it, the robot with most closures
+    /// first. Nothing is started from an earlier estimate: two robots that believe the same closures start alike, and what
+    /// was once believed and no longer is leaves no trace.
     pub fn placements(&self) -> BTreeMap<RobotId, Isometry2<f64>> {
         let mut placed = BTreeMap::from([(self.reference, Isometry2::identity())]);
-        loop {
-            let before = placed.len();
-            for closure in self.closures {
-                for (known, new, new_from_known) in [
-                    (closure.target, closure.source, closure.measured.inverse()),
-                    (closure.source, closure.target, closure.measured),
-                ] {
-                    if placed.contains_key(&new.robot) {
-                        continue;
-                    }
-                    let (Some(frame), Some(a), Some(b)) =
-                        (placed.get(&known.robot).copied(), self.local(known), self.local(new))
-                    else {
-                        continue;
-                    };
-                    let implied = frame * a * new_from_known.inverse() * b.inverse();
-                    let place = self.reference_from_map.get(&new.robot).copied().unwrap_or(implied);
-                    placed.insert(new.robot, place);
-                }
-            }
-            if placed.len() == before {
-                return placed;
-            }
+        while let Some((robot, place)) = self.next_placement(&placed) {
+            placed.insert(robot, place);
         }
+        placed
+    }
+
+    fn next_placement(
+        &self,
+        placed: &BTreeMap<RobotId, Isometry2<f64>>,
+    ) -> Option<(RobotId, Isometry2<f64>)> {
+        let mut candidates: BTreeMap<RobotId, Vec<Implied>> = BTreeMap::new();
+        for closure in self.closures {
+            let (Some(target), Some(source)) = (self.local(closure.target), self.local(closure.source))
+            else {
+                continue;
+            };
+            let target_from_source = target * closure.measured * source.inverse();
+            let ends = (placed.get(&closure.target.robot), placed.get(&closure.source.robot));
+            let (robot, place, at) = match ends {
+                (Some(frame), None) => (closure.source.robot, frame * target_from_source, source),
+                (None, Some(frame)) => (closure.target.robot, frame * target_from_source.inverse(), target),
+                _ => continue,
+            };
+            let middle = Point2::from(at.translation.vector);
+            candidates.entry(robot).or_default().push(Implied { place, middle });
+        }
+        let (robot, implied) =
+            candidates.into_iter().max_by_key(|(robot, implied)| (implied.len(), Reverse(*robot)))?;
+        Some((robot, medoid(&implied)?.place))
     }
 
     fn local(&self, keyframe: KeyframeId) -> Option<Isometry2<f64>> {
@@ -202,13 +210,14 @@ impl TeamProblem<'_> {
         let known =
             self.closures.iter().filter(|c| self.local(c.source).is_some() && self.local(c.target).is_some());
         let links = known.map(|c| self.link(c)).collect::<Result<Vec<_>, _>>()?;
+        let starts = self.placements();
         let mut neighbours = Vec::new();
         for (&robot, graph) in self.graphs.iter().filter(|(robot, _)| **robot != self.reference) {
             let touched: BTreeSet<Key> =
                 links.iter().flat_map(|l| [l.own, l.neighbour]).filter(|k| k.robot == robot).collect();
             if !touched.is_empty() {
                 let touched: Vec<Key> = touched.into_iter().collect();
-                let start = self.reference_from_map.get(&robot).copied();
+                let start = starts.get(&robot).copied();
                 neighbours.push(Neighbour { start, ..Neighbour::new(&graph.pose_graph(robot)?, &touched)? });
             }
         }
@@ -257,4 +266,47 @@ impl TeamProblem<'_> {
 
 fn key(keyframe: KeyframeId) -> Key {
     Key::new(keyframe.robot, keyframe.index.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::FactorEntry;
+
+    #[test]
+    fn maps_start_where_most_closures_put_them() {
+        let step = |from| FactorEntry {
+            from,
+            to: from + 1,
+            measured: Isometry2::translation(3.0, 0.0),
+            covariance: Matrix3::identity() * 0.01,
+        };
+        let poses =
+            |count: u32| (0..count).map(|k| Isometry2::translation(3.0 * f64::from(k), 0.0)).collect();
+        let graph = RobotGraph::from_map((0..4).map(step).collect(), poses(5));
+        let id = |robot, index| KeyframeId { robot, index };
+        let closure = |target, source, x: f64| ClosureEntry {
+            source,
+            target,
+            measured: Isometry2::translation(x, 0.0),
+            covariance: Matrix3::identity() * 0.01,
+        };
+        // map 2 lies at 10 m, which the first closure denies; map 3 is seen by map 2 alone, 5 m behind it
+        let closures = [
+            closure(id(1, 0), id(2, 0), 16.0),
+            closure(id(1, 1), id(2, 1), 10.0),
+            closure(id(2, 2), id(1, 2), -10.1),
+            closure(id(3, 4), id(2, 4), 5.0),
+        ];
+        let graphs = (1..=4).map(|robot| (robot, &graph)).collect();
+        let problem = TeamProblem { reference: 1, graphs, closures: &closures };
+        let placed = problem.placements();
+        let x = |robot: RobotId| placed.get(&robot).map(|place| place.translation.x.round());
+        assert_eq!([1, 2, 3, 4].map(x), [Some(0.0), Some(10.0), Some(5.0), None]);
+        for optimisation in [Optimisation::TwoStep, Optimisation::Full] {
+            let team = problem.solve(optimisation).expect("a sound graph");
+            let pose = team.pose(id(2, 0)).expect("robot 2 is joined");
+            assert!((pose.translation.x - 10.0).abs() < 0.1, "{optimisation}: {pose}");
+        }
+    }
 }

@@ -258,7 +258,7 @@ fn counted_bits_are_those_of_the_bytes_that_cross_the_link() {
         *counted.entry((message.robot, message.kind.clone())).or_default() += message.bits;
     }
     println!("{counted:?}");
-    assert_eq!(report.message_kinds().len(), 7, "every type of message was sent: {counted:?}");
+    assert_eq!(report.message_kinds().len(), 8, "every type of message was sent: {counted:?}");
     assert_eq!(counted, crossed);
     let summed: u64 = crossed.values().sum();
     assert_eq!(report.summary().team.sent_bits, summed);
@@ -357,6 +357,8 @@ fn well_formed_nonsense_does_not_stop_a_robot() {
             removed: vec![],
         }),
         Message::MapRequest,
+        Message::Alignment { partner: 77, place: None },
+        Message::Alignment { partner: 200, place: None },
     ];
     let mut numbers = BTreeMap::<RobotId, u32>::new();
     let flight = fly(&pair_of_robots(), |receiver, inbox| {

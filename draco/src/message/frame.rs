@@ -81,7 +81,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::super::{
-        CellUpdate, ClosureEntry, FactorEntry, GraphUpdate, KeyframeId, ObjectEntry, ObjectUpdate, Resolution,
+        CellUpdate, ClosureEntry, FactorEntry, GraphUpdate, KeyframeId, MapPlace, ObjectEntry, ObjectUpdate,
+        Resolution,
     };
     use super::*;
 
@@ -140,6 +141,11 @@ mod tests {
                 Message::Objects(ObjectUpdate { version: 1, whole: true, changed, removed: vec![99, 7] })
             }),
             Just(Message::MapRequest),
+            (0..20u32, prop::option::of((poses(), covariances()))).prop_map(|(partner, place)| {
+                let place =
+                    place.map(|(sender_from_other, covariance)| MapPlace { sender_from_other, covariance });
+                Message::Alignment { partner, place }
+            }),
         ]
     }
 
@@ -149,7 +155,7 @@ mod tests {
             let bytes = frame(message).encode().unwrap();
             let decoded = Frame::decode(&bytes).unwrap();
             // a sigma may land half a step off when its matrix is built and taken apart again
-            if !matches!(decoded.message, Message::Graph(_) | Message::Closures { .. }) {
+            if !matches!(decoded.message, Message::Graph(_) | Message::Closures { .. } | Message::Alignment { .. }) {
                 prop_assert_eq!(decoded.encode().unwrap(), bytes);
             }
         }

@@ -131,6 +131,35 @@ pub struct ClosureEntry {
     pub covariance: Matrix3<f64>,
 }
 
+impl ClosureEntry {
+    /// The closure as whoever hears of it has it.
+    ///
+    /// # Errors
+    /// Those of sending it.
+    pub fn as_sent(&self) -> Result<Self, WireError> {
+        quantise::closure_as_sent(self)
+    }
+}
+
+/// Where another robot's map lies in the sender's, from comparing the two maps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MapPlace {
+    /// The other's map in the sender's.
+    pub sender_from_other: Isometry2<f64>,
+    /// Covariance in the frame of the other's map, order x, y, theta.
+    pub covariance: Matrix3<f64>,
+}
+
+impl MapPlace {
+    /// The place as whoever hears of it has it.
+    ///
+    /// # Errors
+    /// Those of sending it.
+    pub fn as_sent(&self) -> Result<Self, WireError> {
+        quantise::place_as_sent(self)
+    }
+}
+
 /// The contents of a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Message {
@@ -161,6 +190,16 @@ pub enum Message {
     },
     /// "Your map updates do not fit together; send me the whole maps."
     MapRequest,
+    /// Where the map of another robot lies in the sender's, once the sender believes it, and `None` when no longer.
+    ///
+    /// Closures alone do not tell which of two groups that contradict each other is right. With everybody's places
+    /// every robot judges them by the same evidence.
+    Alignment {
+        /// The other robot.
+        partner: RobotId,
+        /// Where its map lies.
+        place: Option<MapPlace>,
+    },
 }
 
 impl Message {
@@ -174,6 +213,7 @@ impl Message {
             Message::Scan { .. } => "scan",
             Message::Closures { .. } => "closures",
             Message::MapRequest => "map_request",
+            Message::Alignment { .. } => "alignment",
         }
     }
 }

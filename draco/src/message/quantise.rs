@@ -6,9 +6,10 @@ use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    CellUpdate, ClosureEntry, FactorEntry, GraphUpdate, KeyframeId, Message, ObjectEntry, ObjectUpdate,
-    WireError,
+    CellUpdate, ClosureEntry, FactorEntry, GraphUpdate, KeyframeId, MapPlace, Message, ObjectEntry,
+    ObjectUpdate, WireError,
 };
+use crate::keyframe::RobotId;
 
 /// Step sizes of everything that is quantised. They are part of the wire format: both ends must agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,6 +101,13 @@ pub(super) enum WireMessage {
     Scan { keyframe: u32, cells: WireCells },
     Closures { found: Vec<WireClosure>, withdrawn: Vec<(WireId, WireId)> },
     MapRequest,
+    Alignment { partner: u8, place: Option<WirePlace> },
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct WirePlace {
+    sender_from_other: WirePose,
+    covariance: WireCovariance,
 }
 
 fn steps(value: f64, step: f64, what: &'static str) -> Result<i32, WireError> {
@@ -220,14 +228,40 @@ impl WireCells {
 
 impl WireId {
     fn new(id: KeyframeId) -> Result<Self, WireError> {
-        let robot =
-            u8::try_from(id.robot).map_err(|_| WireError::Value { what: "a robot number above 254" })?;
-        Ok(WireId { robot, index: id.index })
+        Ok(WireId { robot: robot_to_wire(id.robot)?, index: id.index })
     }
 
     fn id(&self) -> KeyframeId {
         KeyframeId { robot: u32::from(self.robot), index: self.index }
     }
+}
+
+impl WirePlace {
+    fn new(place: &MapPlace) -> Result<Self, WireError> {
+        Ok(WirePlace {
+            sender_from_other: WirePose::new(&place.sender_from_other)?,
+            covariance: WireCovariance::new(&place.covariance)?,
+        })
+    }
+
+    fn place(&self) -> Result<MapPlace, WireError> {
+        Ok(MapPlace {
+            sender_from_other: self.sender_from_other.pose()?,
+            covariance: self.covariance.matrix(),
+        })
+    }
+}
+
+pub(super) fn place_as_sent(place: &MapPlace) -> Result<MapPlace, WireError> {
+    WirePlace::new(place)?.place()
+}
+
+pub(super) fn closure_as_sent(closure: &ClosureEntry) -> Result<ClosureEntry, WireError> {
+    closure_from_wire(&closure_to_wire(closure)?)
+}
+
+fn robot_to_wire(robot: RobotId) -> Result<u8, WireError> {
+    u8::try_from(robot).map_err(|_| WireError::Value { what: "a robot number above 254" })
 }
 
 impl WireMessage {
@@ -272,6 +306,10 @@ impl WireMessage {
                     .collect::<Result<_, WireError>>()?,
             },
             Message::MapRequest => WireMessage::MapRequest,
+            Message::Alignment { partner, place } => WireMessage::Alignment {
+                partner: robot_to_wire(*partner)?,
+                place: place.as_ref().map(WirePlace::new).transpose()?,
+            },
         })
     }
 
@@ -316,6 +354,10 @@ impl WireMessage {
                 withdrawn: withdrawn.iter().map(|(source, target)| (source.id(), target.id())).collect(),
             },
             WireMessage::MapRequest => Message::MapRequest,
+            WireMessage::Alignment { partner, place } => Message::Alignment {
+                partner: u32::from(*partner),
+                place: place.as_ref().map(WirePlace::place).transpose()?,
+            },
         })
     }
 }

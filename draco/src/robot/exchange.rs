@@ -8,7 +8,7 @@ use super::maps::SentMaps;
 use super::{Robot, WireError};
 use crate::error::Error;
 use crate::keyframe::RobotId;
-use crate::message::{BROADCAST, FactorEntry, Frame, GraphUpdate, KeyframeId, Message};
+use crate::message::{BROADCAST, FactorEntry, Frame, GraphUpdate, KeyframeId, MapPlace, Message};
 use crate::transport::Refusal;
 
 /// What has been sent, so that only news is sent again, and what waits to be sent.
@@ -20,6 +20,7 @@ pub(super) struct Outbox {
     object_keyframes: usize,
     maps: SentMaps,
     closures: BTreeSet<(KeyframeId, KeyframeId)>,
+    places: BTreeMap<RobotId, MapPlace>,
     /// Keyframes to ask a partner for.
     pub(super) wanted: BTreeMap<RobotId, Vec<u32>>,
     /// Partners whose maps have to be asked for as a whole.
@@ -69,6 +70,12 @@ impl Robot {
                     self.has_news = true;
                 }
             }
+            Message::Alignment { partner: other, place } => {
+                self.has_news |= match place {
+                    Some(place) => partner.places.insert(other, place.clone()) != Some(place),
+                    None => partner.places.remove(&other).is_some(),
+                };
+            }
             Message::MapRequest => {
                 if is_for_me {
                     self.outbox.maps.forget();
@@ -106,6 +113,7 @@ impl Robot {
                 messages.push((BROADCAST, Message::Scan { keyframe, points }));
             }
         }
+        messages.extend(self.alignment_updates()?.into_iter().map(|m| (BROADCAST, m)));
         messages.extend(self.closure_update().map(|m| (BROADCAST, m)));
         for (receiver, message) in messages {
             let kind = message.kind();
@@ -158,6 +166,16 @@ impl Robot {
             );
         }
         Ok(messages)
+    }
+
+    /// Places of partners' maps that are newly believed, have moved or are no longer believed.
+    fn alignment_updates(&mut self) -> Result<Vec<Message>, Error> {
+        let current = self.own_places()?;
+        let sent = std::mem::replace(&mut self.outbox.places, current.clone());
+        let gone = sent.keys().filter(|id| !current.contains_key(id)).map(|&id| (id, None));
+        let new = current.iter().filter(|(id, place)| sent.get(id) != Some(place));
+        let news = gone.chain(new.map(|(&id, place)| (id, Some(place.clone()))));
+        Ok(news.map(|(partner, place)| Message::Alignment { partner, place }).collect())
     }
 
     /// Own closures newly found under a believed alignment, and those whose alignment has been given up.

@@ -1,25 +1,21 @@
 //! From two maps to closures: alignment, candidates, registration, choice, estimate.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
-use draco_consistency::{Closure2, MapTransform, PoseKey, Trajectories2};
 use draco_registration::correlative::MapMode;
 use nalgebra::{Isometry2, Point2};
 
 use super::partner::{Alignment, Partner};
 use super::{AlignmentEvent, Proposal, Robot};
-use crate::alignment::{self, MapKind, ObjectMatcher, Opinion, OwnMap, Verdict, consensus};
+use crate::alignment::{self, MapKind, ObjectMatcher, OwnMap, Verdict};
 use crate::closure;
-use crate::consistency::{self, Evidence, Judgement, Method};
 use crate::error::Error;
 use crate::evaluate::{Decision, rigid_alignment};
 use crate::keyframe::RobotId;
 use crate::local_slam::merge;
 use crate::message::{CellMap, ClosureEntry, KeyframeId, ObjectEntry};
 use crate::objects::{self, Object};
-use crate::robot_graph::RobotGraph;
 use crate::transport::Refusal;
-use crate::two_step::TeamEstimate;
 
 impl Robot {
     /// The persistent cells of the own map.
@@ -64,7 +60,7 @@ impl Robot {
         self.partners = partners;
     }
 
-    fn give_up(&mut self, id: RobotId, error: &Error, now: f64) {
+    pub(super) fn give_up(&mut self, id: RobotId, error: &Error, now: f64) {
         tracing::debug!(robot = self.id, partner = id, %error, "nothing can be computed with this partner's data");
         self.transport.refuse(Refusal::Unusable);
         self.tell(id, now, format!("unusable: {error}"));
@@ -168,6 +164,7 @@ impl Robot {
     /// Registers keyframe pairs that should overlap; asks for scans that are missing.
     fn register_candidates(&mut self, id: RobotId, partner: &mut Partner, now: f64) -> Result<(), Error> {
         let Some(own_from_partner) = self.own_from_partner(id, partner) else { return Ok(()) };
+        self.search_under(id, partner, own_from_partner);
         let placed: Vec<_> = partner.graph.poses().iter().map(|pose| own_from_partner * pose).collect();
         let candidates = closure::candidates(self.local.poses(), &placed, &self.params.closure);
         let mut missing = BTreeSet::new();
@@ -200,6 +197,7 @@ impl Robot {
                     measured: registered.target_from_source,
                     covariance: registered.covariance,
                 };
+                let entry = entry.as_sent()?;
                 let key = (entry.source, entry.target);
                 self.has_news = true;
                 let reason = "not judged yet".into();
@@ -212,6 +210,21 @@ impl Robot {
             self.outbox.wanted.insert(id, new);
         }
         Ok(())
+    }
+
+    /// Forgets what was registered under another place of the partner's map than this one.
+    fn search_under(&mut self, id: RobotId, partner: &mut Partner, place: Isometry2<f64>) {
+        if partner.searched.is_some_and(|searched| !self.is_same_place(&searched, &place, partner)) {
+            partner.tested.clear();
+            self.proposals.retain(|(source, _), _| source.robot != id);
+            self.has_news = true;
+        }
+        partner.searched = Some(place);
+    }
+
+    fn is_same_place(&self, a: &Isometry2<f64>, b: &Isometry2<f64>, partner: &Partner) -> bool {
+        let middle = partner.maps.cells().map_or_else(Point2::origin, |cells| cells.middle());
+        self.params.alignment.same(a, b, &middle)
     }
 
     /// Each keyframe pair is registered by one of its two robots: the same two scans matched twice are no second
@@ -230,6 +243,13 @@ impl Robot {
     /// Believes a hypothesis that registrations confirm, forgets one that they do not.
     fn confirm(&mut self, id: RobotId, partner: &mut Partner, now: f64) {
         let Alignment::Tentative(mode) = partner.alignment else { return };
+        // where the team's estimate has the map elsewhere, registrations say nothing about this place
+        if !partner
+            .searched
+            .is_some_and(|place| self.is_same_place(&place, &mode.target_from_source, partner))
+        {
+            return;
+        }
         let tested = partner.tested.values().flatten().count();
         let passed = partner.tested.values().flatten().filter(|passed| **passed).count();
         match self.params.alignment.judge(passed, tested) {
@@ -244,178 +264,6 @@ impl Robot {
                 self.tell(id, now, format!("refuted: only {passed} of {tested} registrations passed"));
                 self.proposals.retain(|(source, _), _| source.robot != id);
                 partner.drop_hypothesis();
-            }
-        }
-    }
-
-    /// Judges all closures of aligned pairs and estimates the team's poses from those believed. When that fails on what
-    /// partners said, the last estimate stays.
-    pub(super) fn choose_closures(&mut self, now: f64) -> Result<(), Error> {
-        let own_graph = RobotGraph::from_map(self.own_factors()?, self.local.poses().to_vec());
-        let entries = self.entries();
-        if entries.is_empty() {
-            self.accepted.clear();
-            self.team = TeamEstimate::alone(self.id, self.local.poses());
-            return Ok(());
-        }
-        let before = std::mem::take(&mut self.accepted);
-        if let Err(error) = self.judge_and_estimate(&own_graph, &entries) {
-            let other =
-                |e: &ClosureEntry| [e.source.robot, e.target.robot].into_iter().find(|r| *r != self.id);
-            let Some(partner) = entries.iter().find_map(other) else { return Err(error) };
-            self.give_up(partner, &error, now);
-            self.accepted = before;
-        }
-        Ok(())
-    }
-
-    fn judge_and_estimate(&mut self, own_graph: &RobotGraph, entries: &[ClosureEntry]) -> Result<(), Error> {
-        let evidence = self.evidence(own_graph, entries)?;
-        let judgement = consistency::select(self.params.method, &evidence)?;
-        // Without the bias that a group shares: the factor on the registrations' covariances was measured against the truth
-        // and holds it already.
-        let accepted = judgement.selection.accepted.iter();
-        self.accepted = accepted
-            .map(|&i| ClosureEntry {
-                covariance: entries[i].covariance * judgement.noise_scale,
-                ..entries[i].clone()
-            })
-            .collect();
-        self.team = self.team_problem(own_graph).solve(self.params.optimisation)?;
-        self.record(entries, &judgement);
-        if self.params.method == Method::Gcm && self.retract_contradicted() {
-            self.team = self.team_problem(own_graph).solve(self.params.optimisation)?;
-        }
-        Ok(())
-    }
-}
-
-impl Robot {
-    /// The closures to judge: own proposals under believed alignments and what partners found, each keyframe pair
-    /// once, ascending in source and target.
-    fn entries(&self) -> Vec<ClosureEntry> {
-        let mut entries: BTreeMap<(KeyframeId, KeyframeId), &ClosureEntry> = BTreeMap::new();
-        for entry in self.agreed_closures() {
-            let pair = (entry.source.min(entry.target), entry.source.max(entry.target));
-            entries.entry(pair).or_insert(entry);
-        }
-        entries.into_values().cloned().collect()
-    }
-
-    /// Own proposals and partners' closures whose robot pairs lie as most of the team believes.
-    fn agreed_closures(&self) -> Vec<&ClosureEntry> {
-        let own = self.proposals.values().map(|p| &p.entry).filter(|e| self.is_aligned(e.source.robot));
-        let mut by_opinion: BTreeMap<(RobotId, RobotId, RobotId), Vec<&ClosureEntry>> = BTreeMap::new();
-        for entry in own {
-            by_opinion.entry((self.id, entry.target.robot, entry.source.robot)).or_default().push(entry);
-        }
-        for (&holder, partner) in &self.partners {
-            for entry in partner.closures.values().filter(|e| self.knows(e.source) && self.knows(e.target)) {
-                by_opinion.entry((holder, entry.target.robot, entry.source.robot)).or_default().push(entry);
-            }
-        }
-        let opinions: Vec<Opinion> = by_opinion
-            .iter()
-            .filter_map(|(&(holder, a, b), entries)| self.opinion(holder, a, b, entries))
-            .collect();
-        let kept = consensus(&opinions, &self.params.alignment);
-        let agreed: BTreeSet<_> =
-            opinions.iter().zip(kept).filter(|(_, kept)| *kept).map(|(o, _)| (o.holder, o.a, o.b)).collect();
-        by_opinion
-            .into_iter()
-            .filter(|(key, _)| agreed.contains(key))
-            .flat_map(|(_, entries)| entries)
-            .collect()
-    }
-
-    /// Where a robot's closures between two maps place one in the other: the closure in the middle of all of them.
-    fn opinion(&self, holder: RobotId, a: RobotId, b: RobotId, entries: &[&ClosureEntry]) -> Option<Opinion> {
-        let mut implied: Vec<(Isometry2<f64>, Point2<f64>)> = Vec::new();
-        for entry in entries {
-            let (target, source) = (self.known_pose(entry.target)?, self.known_pose(entry.source)?);
-            implied
-                .push((target * entry.measured * source.inverse(), Point2::from(source.translation.vector)));
-        }
-        let spread = |at: usize| -> f64 {
-            let (transform, middle) = &implied[at];
-            implied.iter().map(|(other, _)| (other * middle - transform * middle).norm()).sum()
-        };
-        let medoid = (0..implied.len()).min_by(|&i, &j| spread(i).total_cmp(&spread(j)))?;
-        let (a_from_b, middle) = implied[medoid];
-        Some(Opinion { holder, a, b, a_from_b, middle })
-    }
-
-    fn known_pose(&self, keyframe: KeyframeId) -> Option<Isometry2<f64>> {
-        let poses = match self.partners.get(&keyframe.robot) {
-            Some(partner) => partner.graph.poses(),
-            None if keyframe.robot == self.id => self.local.poses(),
-            None => return None,
-        };
-        poses.get(keyframe.index as usize).copied()
-    }
-
-    pub(super) fn is_aligned(&self, partner: RobotId) -> bool {
-        self.partners.get(&partner).is_some_and(|p| matches!(p.alignment, Alignment::Accepted(_)))
-    }
-
-    fn knows(&self, keyframe: KeyframeId) -> bool {
-        self.known_pose(keyframe).is_some()
-    }
-
-    /// Everything the consistency test asks for.
-    fn evidence(&self, own_graph: &RobotGraph, entries: &[ClosureEntry]) -> Result<Evidence, Error> {
-        let mut touched: BTreeMap<RobotId, BTreeSet<u32>> = BTreeMap::new();
-        for keyframe in entries.iter().flat_map(|e| [e.source, e.target]) {
-            touched.entry(keyframe.robot).or_default().insert(keyframe.index);
-        }
-        let mut trajectories = Trajectories2::new();
-        for (robot, indices) in touched {
-            let graph = if robot == self.id { own_graph } else { &self.partners[&robot].graph };
-            let indices: Vec<u32> = indices.into_iter().collect();
-            trajectories.insert(robot, graph.trajectory(&indices)?);
-        }
-        let key = |k: KeyframeId| PoseKey::new(k.robot, k.index as usize);
-        let closure = |e: &ClosureEntry| Closure2 {
-            source: key(e.source),
-            target: key(e.target),
-            target_from_source: e.measured,
-            covariance: e.covariance,
-        };
-        let transform = |source: RobotId, mode: &MapMode| MapTransform {
-            source,
-            target: self.id,
-            target_from_source: mode.target_from_source,
-            covariance: mode.covariance,
-        };
-        let judged = |id: RobotId| entries.iter().any(|e| e.source.robot == id && e.target.robot == self.id);
-        let priors = self.partners.iter().filter_map(|(&id, p)| match &p.alignment {
-            Alignment::Accepted(mode) => judged(id).then(|| transform(id, mode)),
-            Alignment::Unknown | Alignment::Candidate { .. } | Alignment::Tentative(_) => None,
-        });
-        Ok(Evidence {
-            reference: self.id,
-            trajectories,
-            closures: entries.iter().map(closure).collect(),
-            map_transforms: priors.collect(),
-        })
-    }
-
-    /// Writes the verdicts to the robot's own proposals.
-    fn record(&mut self, entries: &[ClosureEntry], judgement: &Judgement) {
-        let selection = &judgement.selection;
-        let accepted = selection.accepted.iter().map(|&i| (i, Decision::Accepted, "consistent".to_string()));
-        let rejected =
-            selection.rejected.iter().map(|r| (r.closure, Decision::Rejected, r.reason.to_string()));
-        let undecided =
-            selection.undecided.iter().map(|r| (r.closure, Decision::Undecided, r.reason.to_string()));
-        for proposal in self.proposals.values_mut() {
-            proposal.decision = Decision::Undecided;
-            proposal.reason = "the team does not agree on where the maps lie".into();
-        }
-        for (index, decision, reason) in accepted.chain(rejected).chain(undecided) {
-            if let Some(proposal) = self.proposals.get_mut(&(entries[index].source, entries[index].target)) {
-                proposal.decision = decision;
-                proposal.reason = reason;
             }
         }
     }

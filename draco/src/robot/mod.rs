@@ -12,6 +12,7 @@
 //! other, and no consistency test could tell.
 
 mod exchange;
+mod judge;
 pub(crate) mod maps;
 mod meet;
 mod partner;
@@ -221,6 +222,7 @@ impl Robot {
         self.partners.remove(&id);
         for partner in self.partners.values_mut() {
             partner.closures.retain(|(source, target), _| source.robot != id && target.robot != id);
+            partner.places.remove(&id);
         }
         self.proposals.retain(|(source, _), _| source.robot != id);
         self.outbox.wanted.remove(&id);

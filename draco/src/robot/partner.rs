@@ -7,7 +7,8 @@ use nalgebra::{Isometry2, Matrix3, Point2};
 use serde::{Deserialize, Serialize};
 
 use super::maps::ReceivedMaps;
-use crate::message::{ClosureEntry, KeyframeId};
+use crate::keyframe::RobotId;
+use crate::message::{ClosureEntry, KeyframeId, MapPlace};
 use crate::robot_graph::RobotGraph;
 
 /// How a [`MapMode`] is saved.
@@ -54,13 +55,17 @@ pub(super) struct Partner {
     pub(super) requested: BTreeSet<u32>,
     /// Closures it found under alignments it believes, by source and target.
     pub(super) closures: BTreeMap<(KeyframeId, KeyframeId), ClosureEntry>,
+    /// Where it believes other robots' maps to lie in its own.
+    pub(super) places: BTreeMap<RobotId, MapPlace>,
     /// Where its map lies.
     pub(super) alignment: Alignment,
     /// Keyframes of both maps at the last attempt to align them.
     pub(super) last_attempt: (usize, u32),
     /// Attempts in a row that contradicted the alignment held.
     pub(super) contradictions: usize,
-    /// Keyframe pairs already registered (own, partner's), and whether the result passed its gate; `None` where there
+    /// Where its map lay when keyframe pairs were last registered.
+    pub(super) searched: Option<Isometry2<f64>>,
+    /// Keyframe pairs already registered there (own, partner's), and whether the result passed its gate; `None` where there
     /// were too few points to try.
     pub(super) tested: BTreeMap<(u32, u32), Option<bool>>,
 }

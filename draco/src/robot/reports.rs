@@ -129,13 +129,7 @@ impl Robot {
         let mut graphs: std::collections::BTreeMap<_, _> =
             self.partners.iter().map(|(&id, p)| (id, &p.graph)).collect();
         graphs.insert(self.id, own);
-        let placed = self.partners.iter().filter_map(|(&id, p)| Some((id, self.own_from_partner(id, p)?)));
-        TeamProblem {
-            reference: self.id,
-            graphs,
-            reference_from_map: placed.collect(),
-            closures: &self.accepted,
-        }
+        TeamProblem { reference: self.id, graphs, closures: &self.accepted }
     }
 }
 

@@ -7,7 +7,7 @@ use crate::keyframe::RobotId;
 use crate::message::{BROADCAST, WireError};
 
 /// Version of the wire format; the first byte of every packet.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
 
 /// Bytes of the tag at the end of every packet: a forger who tries one a millisecond succeeds once in half a billion
 /// years.
@@ -155,7 +155,7 @@ mod tests {
     fn the_wire_format_has_not_changed() {
         let key = TeamKey::from_phrase("golden");
         let bytes = packet().encode(&key).unwrap();
-        assert_eq!(bytes[..9], [2, 3, 1, 1, 172, 2, 7, 8, 9]);
+        assert_eq!(bytes[..9], [3, 3, 1, 1, 172, 2, 7, 8, 9]);
         assert_eq!(bytes[9..], key.tag(&bytes[..9]));
         assert_eq!(Packet::decode(&bytes, &key), Ok(packet()));
         assert!(bytes.len() - 3 <= OVERHEAD_BYTES);

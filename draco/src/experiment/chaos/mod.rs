@@ -8,30 +8,32 @@ mod site;
 use rayon::prelude::*;
 
 use super::{Cell, Figure, Outcome, Settings, Table};
-use crate::error::Error;
+use crate::error::{ChaosFailure, Error};
 use flight::{Flight, fly};
 use plan::Plan;
 
-/// Flies every seed and fails if anything that must hold does not; the message names the command that repeats the first
-/// seed that failed.
+/// Flies every seed and fails if anything that must hold does not; the message names each seed that failed and the command
+/// that repeats it. Each is also told when it fails.
 pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
     let range = settings.seeds_or(200);
     let seeds = range.end - range.start;
     let done = std::sync::atomic::AtomicU64::new(0);
-    let results: Vec<(u64, Result<Flight, String>)> = range
+    let results: Vec<(u64, Result<Flight, ChaosFailure>)> = range
         .into_par_iter()
         .map(|seed| {
             let result = std::panic::catch_unwind(|| try_seed(seed))
                 .unwrap_or_else(|panic| Err(format!("panic: {}", panic_text(panic.as_ref()))));
+            let result = result.map_err(|reason| ChaosFailure { seed, reason });
             let count = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            (settings.progress)(&format!("{count} of {seeds} seeds"));
+            let failure = result.as_ref().err().map(|failure| format!("; {failure}"));
+            (settings.progress)(&format!("{count} of {seeds} seeds{}", failure.unwrap_or_default()));
             (seed, result)
         })
         .collect();
-    let failed: Vec<(u64, &String)> =
-        results.iter().filter_map(|(seed, result)| Some((*seed, result.as_ref().err()?))).collect();
-    if let Some((seed, reason)) = failed.first() {
-        return Err(Error::Chaos { seed: *seed, failed: failed.len(), reason: (*reason).clone() });
+    let failures: Vec<ChaosFailure> =
+        results.iter().filter_map(|(_, result)| result.as_ref().err().cloned()).collect();
+    if !failures.is_empty() {
+        return Err(Error::Chaos { flown: results.len(), failures });
     }
     let flights: Vec<&Flight> = results.iter().filter_map(|(_, result)| result.as_ref().ok()).collect();
     let mut table = Table::new(["what", "count"]);
@@ -83,4 +85,19 @@ fn try_seed(seed: u64) -> Result<Flight, String> {
 fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "of unknown cause".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robots_with_the_same_closures_place_each_other_alike() {
+        // Two lattice steps, in 1178 half a turn, between what one robot's map comparison says and the others': 6.3 and
+        // 40.7 m apart while each judged by its own comparisons alone.
+        for seed in [1019, 1178] {
+            let flight = try_seed(seed).unwrap_or_else(|reason| panic!("seed {seed}: {reason}"));
+            assert_eq!((flight.robots, flight.merged), (3, 3), "seed {seed}");
+        }
+    }
 }
