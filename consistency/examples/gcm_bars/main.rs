@@ -39,6 +39,7 @@ fn set(params: &mut GcmParams, assignment: &str) -> Option<()> {
         "sound" => params.sound = value,
         "sound_strength" => params.sound_strength = value,
         "least_slip" => params.least_slip = value,
+        "least_yaw" => params.least_yaw = value,
         "drift_most" => params.drift_most = value,
         "drift_doubt" => params.drift_doubt = value,
         "alpha" => params.alpha = value,

@@ -3,7 +3,6 @@ use std::rc::Rc;
 use nalgebra::{SMatrix, SVector};
 
 use super::params::GcmParams;
-use super::slips::SlipPrior;
 use super::votes::{Kind, Votes};
 use crate::{Error, Pose};
 
@@ -33,7 +32,7 @@ pub(crate) struct Hypothesis<const N: usize> {
     slips: Vec<Slip<N>>,
 }
 
-/// What the votes so far tell of one slip.
+/// What the votes so far tell of one slip, or of the bias of one vote.
 #[derive(Debug, Clone, Copy)]
 struct Slip<const N: usize> {
     mean: SVector<f64, N>,
@@ -112,7 +111,7 @@ pub(crate) fn search<const N: usize, G: Pose<N>>(
     for t in 0..votes.list.len() {
         beam.extend(votes, params, width, t)?;
     }
-    beam.weigh_slips::<G>(&votes.slip);
+    beam.weigh_biases::<G>(votes);
     Ok(beam)
 }
 
@@ -122,12 +121,18 @@ impl<const N: usize> Beam<N> {
         self.hypotheses.iter().reduce(|best, h| if h.weight > best.weight { h } else { best })
     }
 
-    /// Gives each hypothesis the evidence of slips as they are thought of, instead of the one normal searched with.
-    fn weigh_slips<G: Pose<N>>(&mut self, prior: &SlipPrior<N>) {
+    /// Gives each hypothesis the evidence of slips and yaw slips as they are thought of, instead of the normals searched with.
+    fn weigh_biases<G: Pose<N>>(&mut self, votes: &Votes<N>) {
         for hypothesis in &mut self.hypotheses {
-            // slips are taken one by one
-            let of = |slip: &Slip<N>| prior.log_evidence::<G>(&slip.mean, &slip.covariance);
-            hypothesis.weight = hypothesis.score + hypothesis.slips.iter().map(of).sum::<f64>();
+            // biases are taken one by one
+            let of = |slip: &Slip<N>| votes.slip.log_evidence::<G>(&slip.mean, &slip.covariance);
+            let slips = hypothesis.slips.iter().map(of).sum::<f64>();
+            let turned = |(t, yaw): (usize, &SMatrix<f64, N, N>)| {
+                let found = hypothesis.bias(t, yaw);
+                votes.slip.log_turned::<G>(&found.mean, &found.covariance)
+            };
+            let turns = hypothesis.yaw_slips(votes).map(turned).sum::<f64>();
+            hypothesis.weight = hypothesis.score + slips + turns;
         }
     }
 
@@ -340,6 +345,33 @@ impl<const N: usize> Hypothesis<N> {
                 subtract_product(column, u, other);
             }
         }
+    }
+
+    /// The votes that have a yaw slip, with its covariance.
+    fn yaw_slips<'a>(&'a self, votes: &'a Votes<N>) -> impl Iterator<Item = (usize, &'a SMatrix<f64, N, N>)> {
+        let turned = votes.list.iter().zip(&self.states).enumerate();
+        turned.filter_map(|(t, (vote, state))| match (&vote.kind, state) {
+            (Kind::Cluster { yaw, .. }, State::YawSlip) => Some((t, yaw)),
+            _ => None,
+        })
+    }
+
+    /// What all votes tell of the bias of vote `t`, which is `N(0, own)` by itself: with `U = L⁻¹ E_t S` its mean is
+    /// `Uᵀ y` and its covariance `S - Uᵀ U`.
+    fn bias(&self, t: usize, own: &SMatrix<f64, N, N>) -> Slip<N> {
+        let mut found = Slip { mean: SVector::zeros(), covariance: *own };
+        let mut columns: Vec<SMatrix<f64, N, N>> = Vec::with_capacity(self.rows.len() - t);
+        for row in &self.rows[t..] {
+            let mut column = if columns.is_empty() { *own } else { SMatrix::zeros() };
+            for (left, above) in row.w.iter().skip(t).zip(&columns) {
+                subtract_product(&mut column, left, above);
+            }
+            row.diagonal.solve_lower_triangular_mut(&mut column);
+            subtract_product(&mut found.covariance, &column, &column);
+            found.mean.gemv_tr(1.0, &column, &row.y, 1.0);
+            columns.push(column);
+        }
+        found
     }
 
     /// `K_H⁻¹ ρ`, one block a vote.

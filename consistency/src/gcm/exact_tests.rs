@@ -226,6 +226,36 @@ fn every_kept_hypothesis_has_the_score_of_the_dense_normal() {
 }
 
 #[test]
+fn yaw_slips_weigh_by_what_all_votes_tell_of_their_bias() {
+    let params = GcmParams::default();
+    let mut judged = 0;
+    for seed in 0..20 {
+        let team: Team = harbor(&Harbor::default(), &mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
+        let votes = votes(&team, &params, true);
+        let rho = DVector::from_vec(votes.list.iter().flat_map(|v| v.rho.iter().copied()).collect());
+        for hypothesis in &search::<3, Isometry2<f64>>(&votes, &params, params.beam).unwrap().hypotheses {
+            let states = &hypothesis.states;
+            if states.iter().any(|s| matches!(s, State::Slip(_))) || !states.contains(&State::YawSlip) {
+                continue;
+            }
+            let inverse = covariance(&votes, states).try_inverse().unwrap();
+            let solved = &inverse * &rho;
+            let mut sum = 0.0;
+            for (t, vote) in votes.list.iter().enumerate().filter(|(t, _)| states[*t] == State::YawSlip) {
+                let Kind::Cluster { yaw, .. } = &vote.kind else { panic!("a prior with a yaw slip") };
+                let own: Matrix3<f64> = inverse.fixed_view::<3, 3>(3 * t, 3 * t).into();
+                let mean = yaw * solved.fixed_rows::<3>(3 * t);
+                sum += votes.slip.log_turned::<Isometry2<f64>>(&mean, &(yaw - yaw * own * yaw));
+            }
+            let weighed = hypothesis.weight - hypothesis.score;
+            assert!((weighed - sum).abs() < 1e-6 * (1.0 + sum.abs()), "seed {seed}: {weighed} {sum}");
+            judged += 1;
+        }
+    }
+    assert!(judged > 20, "{judged}");
+}
+
+#[test]
 fn without_ties_between_neighbours_the_order_of_the_votes_does_not_matter() {
     let params = GcmParams::default();
     for seed in 0..10 {

@@ -27,7 +27,8 @@
 //!   share its error and so tend to the same wrong place; between robots without a prior of their own `α` is
 //!   `alpha_unplaced`, which is less. A slip new to the pair is a given one of another pair with `χ` times the weight
 //!   of one never seen. A slip is no shorter than `least_slip`; what the normals give to shorter ones is taken back;
-//! * **yaw slip** ((1-π)(1-p_O)(1-p_T)): `β ~ N(0, S_Y)` about its place;
+//! * **yaw slip** ((1-π)(1-p_O)(1-p_T)): `β ~ N(0, S_Y)` about its place, turned by at least `least_yaw`: without this
+//!   half of the yaw slips would be as good as sound, and every sound group half a yaw slip;
 //! * **gross** ((1-π) p_O (1-p_E)): `β ~ N(0, S_O)`;
 //! * **elsewhere** ((1-π) p_O p_E): `β ~ N(0, S_E)`, a wrong place, so wide that it does not pull at the map transform.
 //!
@@ -51,6 +52,7 @@
 //! K_H  = K + the state's own S_b, S_b + S, S_Y, S_O or S_E  +  S between votes that share a slip
 //! score(H) = Σ log prior(state) + log N(ρ; 0, K_H)
 //! weight(H) = score(H) + Σ over its slips of log(evidence of the mixture, |τ| > least_slip / evidence of N(0, S))
+//!                      + Σ over its yaw slips of log(P(|θ| > least_yaw | ρ) / P(|θ| > least_yaw))
 //! P_g = Σ over hypotheses with g good of softmax(weight)
 //! ```
 //!
@@ -64,15 +66,15 @@
 //! group therefore counts with a power γ (`evidence_exponent`), which leaves alone a group of which nothing is known:
 //!
 //! ```text
-//! P / (1 - P) = π / (1 - π) · (P_g (1 - π) / ((1 - P_g) π))^γ        γ = 1.25
+//! P / (1 - P) = π / (1 - π) · (P_g (1 - π) / ((1 - P_g) π))^γ        γ = 1.15
 //! ```
 //!
 //! γ is a logistic regression (J. Platt, "Probabilistic outputs for support vector machines", 1999, here through the fixed
-//! point π) on 2000 generated teams a row of `gcm_bars` with 30 % biased groups: the likelihood is greatest at 1.2 over all
-//! groups and at 1.25 over those that are not clear.
+//! point π) on 1600 generated teams a row of `gcm_bars` with 30 % biased groups: the likelihood is greatest at 1.1 over all
+//! groups and at 1.2 over those that are not clear.
 //!
 //! A beam over the states keeps the Cholesky factor of `K_H` with each hypothesis; with an unlimited beam it is exact.
-//! Accept from `P ≥ 0.82`, reject up to `0.25`, otherwise **undecided**. Less sure groups, down to `P = 0.75`, are accepted
+//! Accept from `P ≥ 0.81`, reject up to `0.25`, otherwise **undecided**. Less sure groups, down to `P = 0.75`, are accepted
 //! too, the surest first, as long as the expected share of wrong ones among the accepted set `A` of the team stays small:
 //!
 //! ```text

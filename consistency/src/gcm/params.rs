@@ -33,7 +33,7 @@ pub enum GapUnit {
 pub struct GcmParams {
     /// The robot in whose map all are compared; default the smallest id of each connected team.
     pub reference: Option<u32>,
-    /// Posterior probability from which on a group is accepted whatever the others are; default 0.82, about what one vote
+    /// Posterior probability from which on a group is accepted whatever the others are; default 0.81, about what one vote
     /// ahead of a repeated slip gives.
     pub accept: f64,
     /// Largest expected share of wrong groups among the accepted ones of a team, up to which less sure groups are accepted
@@ -76,7 +76,7 @@ pub struct GcmParams {
     /// χ, odds that a slip new to a robot pair is a given one of another pair rather than one never seen; default 0.05: other
     /// pairs start from other errors and meet in other places.
     pub alpha_across: f64,
-    /// γ, how much the evidence on a group counts, see the model; default 1.25, the maximum likelihood over generated
+    /// γ, how much the evidence on a group counts, see the model; default 1.15, about the maximum likelihood over generated
     /// harbours of 30 % biased groups. 1 gives the posterior of the model as it is.
     pub evidence_exponent: f64,
     /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
@@ -89,6 +89,9 @@ pub struct GcmParams {
     pub least_slip: f64,
     /// `S_Y`: yaw slip about the group's place; default 0.3 m, 0.07 rad.
     pub yaw: Sigma,
+    /// Yaw slips smaller than this do not exist: what turns by less is harmless, radians; default 0.0436, 2.5°, which at
+    /// 17 m is as far off as the least slip. 0 allows all.
+    pub least_yaw: f64,
     /// `S_O`: gross error; default 6 m, 0.5 rad.
     pub gross: Sigma,
     /// Share of gross errors that are of a wrong place altogether, as from place recognition; default 0.50.
@@ -126,7 +129,7 @@ impl Default for GcmParams {
     fn default() -> Self {
         Self {
             reference: None,
-            accept: 0.82,
+            accept: 0.81,
             wrong_share: 0.05,
             accept_among: 0.75,
             reject: 0.25,
@@ -142,11 +145,12 @@ impl Default for GcmParams {
             alpha: 0.65,
             alpha_unplaced: 0.05,
             alpha_across: 0.05,
-            evidence_exponent: 1.25,
+            evidence_exponent: 1.15,
             spike: Sigma::new(0.1, 0.005),
             slip: Sigma::new(3.0, 0.015),
             least_slip: 0.75,
             yaw: Sigma::new(0.3, 0.07),
+            least_yaw: 2.5_f64.to_radians(),
             gross: Sigma::new(6.0, 0.5),
             elsewhere_share: 0.50,
             elsewhere: Sigma::new(100.0, 2.0),
@@ -215,6 +219,7 @@ impl GcmParams {
             ("slip", self.slip.is_positive()),
             ("least_slip", self.least_slip >= 0.0 && self.least_slip.is_finite()),
             ("yaw", self.yaw.is_positive()),
+            ("least_yaw", self.least_yaw >= 0.0 && self.least_yaw.is_finite()),
             ("gross", self.gross.is_positive()),
             ("elsewhere", self.elsewhere.is_positive()),
             ("prior_bad", self.prior_bad.is_positive()),

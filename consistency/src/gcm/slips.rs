@@ -1,3 +1,5 @@
+use std::ops::Range;
+
 use nalgebra::linalg::Cholesky;
 use nalgebra::{SMatrix, SVector};
 
@@ -7,7 +9,8 @@ use crate::{Pose, isotropic_covariance};
 /// Share and width over `S_T`'s of the normals that slips are made of: a scale known to within an octave.
 const WIDTHS: [(f64, f64); 3] = [(0.25, 0.5), (0.5, 1.0), (0.25, 2.0)];
 
-/// What is thought of a slip before any is seen: one of three widths, and none shorter than `least_slip`.
+/// What is thought of a slip before any is seen: one of three widths, and none shorter than `least_slip`; of a yaw slip,
+/// that none is smaller than `least_yaw`.
 ///
 /// The beam searches with one normal as wide as all together in the mean square; afterwards each hypothesis gets the
 /// evidence of the mixture.
@@ -17,6 +20,9 @@ pub(crate) struct SlipPrior<const N: usize> {
     searched: SMatrix<f64, N, N>,
     searched_information: SMatrix<f64, N, N>,
     widths: [Width<N>; 3],
+    least_yaw: f64,
+    /// `log P(|θ| > least_yaw | S_Y)`.
+    log_turned: f64,
 }
 
 #[derive(Clone, Copy)]
@@ -33,16 +39,19 @@ impl<const N: usize> SlipPrior<N> {
             let metres = factor * params.slip.translation;
             let covariance = isotropic_covariance::<N, G>(metres, params.slip.rotation);
             let information = isotropic_covariance::<N, G>(metres.recip(), params.slip.rotation.recip());
-            let longer = share_longer::<N, G>(&SVector::zeros(), &covariance, least);
+            let longer = share_longer(&SVector::zeros(), &covariance, 0..G::TRANSLATION, least);
             Width { information, log_weight: (share / longer).ln() + half_log_determinant(&information) }
         };
         let mean_square: f64 = WIDTHS.iter().map(|(share, factor)| share * factor * factor).sum();
+        let yaw = isotropic_covariance::<N, G>(params.yaw.translation, params.yaw.rotation);
         let (metres, radians) = (mean_square.sqrt() * params.slip.translation, params.slip.rotation);
         Self {
             least,
             searched: isotropic_covariance::<N, G>(metres, radians),
             searched_information: isotropic_covariance::<N, G>(metres.recip(), radians.recip()),
             widths: WIDTHS.map(width),
+            least_yaw: params.least_yaw,
+            log_turned: share_longer(&SVector::zeros(), &yaw, G::TRANSLATION..N, params.least_yaw).ln(),
         }
     }
 
@@ -73,7 +82,7 @@ impl<const N: usize> SlipPrior<N> {
             let narrowed = Cholesky::new((inverse + inverse.transpose()) * 0.5)?.inverse();
             let centre = narrowed * eta;
             let log = width.log_weight + half_log_determinant(&narrowed) + 0.5 * eta.dot(&centre) - log_base;
-            Some(log + share_longer::<N, G>(&centre, &narrowed, self.least).ln())
+            Some(log + share_longer(&centre, &narrowed, 0..G::TRANSLATION, self.least).ln())
         };
         let logs: Vec<f64> = self.widths.iter().filter_map(of_width).collect();
         let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -82,6 +91,16 @@ impl<const N: usize> SlipPrior<N> {
         } else {
             0.0
         }
+    }
+
+    /// log of the evidence with yaw slips larger than `least_yaw` alone over that with all, under which one came out as
+    /// `mean` and `covariance`: `P(|θ| > least_yaw | m, C) / P(|θ| > least_yaw | S_Y)`.
+    pub(crate) fn log_turned<G: Pose<N>>(
+        &self,
+        mean: &SVector<f64, N>,
+        covariance: &SMatrix<f64, N, N>,
+    ) -> f64 {
+        share_longer(mean, covariance, G::TRANSLATION..N, self.least_yaw).ln() - self.log_turned
     }
 }
 
@@ -93,20 +112,25 @@ fn half_log_determinant<const N: usize>(s: &SMatrix<f64, N, N>) -> f64 {
     })
 }
 
-/// `P(|t| > least)` of the translation `t` of a normal tangent vector, at least 1e-6.
+/// `P(|t| > least)` of the part `t` of a normal tangent vector along `axes`, at least 1e-6.
 ///
-/// `|t|²` is a weighted sum of noncentral χ²; its mean and variance give a scaled χ² (Patnaik, 1949), and the cube root
+/// Of one axis it is exact. Of several, `|t|²` is a weighted sum of noncentral χ²; its mean and variance give a scaled χ² (Patnaik, 1949), and the cube root
 /// of that is nearly normal (Wilson and Hilferty, 1931). Does not depend on the axes.
-fn share_longer<const N: usize, G: Pose<N>>(
+fn share_longer<const N: usize>(
     mean: &SVector<f64, N>,
     covariance: &SMatrix<f64, N, N>,
+    axes: Range<usize>,
     least: f64,
 ) -> f64 {
     const FLOOR: f64 = 1e-6;
     if least == 0.0 {
         return 1.0;
     }
-    let axes = 0..G::TRANSLATION;
+    if axes.len() == 1 {
+        let (centre, sigma) = (mean[axes.start].abs(), covariance[(axes.start, axes.start)].max(0.0).sqrt());
+        let sides = [(centre - least) / sigma, (-centre - least) / sigma];
+        return sides.map(normal_below).iter().sum::<f64>().max(FLOOR);
+    }
     let (mut expected, mut variance) = (0.0, 0.0);
     for i in axes.clone() {
         expected += mean[i] * mean[i] + covariance[(i, i)].max(0.0);
@@ -180,6 +204,37 @@ mod tests {
         }
     }
 
+    /// A yaw slip `θ` is seen once, `r ~ N(θ, 0.02²)`: the evidence is an integral over `θ`.
+    #[test]
+    fn evidence_of_yaw_slips_is_that_of_a_grid_of_angles() {
+        const STEP: f64 = 1e-5;
+        let params = GcmParams::default();
+        let prior = SlipPrior::<3>::new::<Isometry2<f64>>(&params);
+        let normal = |x: f64, sigma: f64| (-0.5 * (x / sigma).powi(2)).exp() / (TAU.sqrt() * sigma);
+        let (own, noise) = (params.yaw.rotation, 0.02);
+        let yaw = Matrix3::from_diagonal(&Vector3::new(0.09, 0.09, own * own));
+        let gain = own * own / (own * own + noise * noise);
+        for seen in [0.0, 0.02, -0.05, 0.15] {
+            let (mut all, mut large, mut share) = (0.0, 0.0, 0.0);
+            for theta in (-60_000..60_000).map(|i| (f64::from(i) + 0.5) * STEP) {
+                let density = normal(theta, own) * STEP;
+                all += density * normal(seen - theta, noise);
+                if theta.abs() > params.least_yaw {
+                    share += density;
+                    large += density * normal(seen - theta, noise);
+                }
+            }
+            let mean = Vector3::new(0.1, -0.2, gain * seen);
+            let mut covariance = yaw;
+            covariance[(2, 2)] = (1.0 - gain) * own * own;
+            let ours = prior.log_turned::<Isometry2<f64>>(&mean, &covariance);
+            let grid = (large / share / all).ln();
+            assert!((ours - grid).abs() < 1e-3 * (1.0 + grid.abs()), "{seen}: {ours} {grid}");
+        }
+        let free = SlipPrior::<3>::new::<Isometry2<f64>>(&GcmParams { least_yaw: 0.0, ..params });
+        assert_eq!(free.log_turned::<Isometry2<f64>>(&Vector3::zeros(), &yaw), 0.0);
+    }
+
     #[test]
     fn share_of_long_translations_is_that_of_samples() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
@@ -199,10 +254,9 @@ mod tests {
                 .count();
             let share = longer as f64 / SAMPLES as f64;
             let covariance = Matrix3::from_diagonal(&Vector3::new(sigma.0 * sigma.0, sigma.1 * sigma.1, 0.1));
-            let ours =
-                share_longer::<3, Isometry2<f64>>(&Vector3::new(mean.0, mean.1, 0.0), &covariance, 0.75);
+            let ours = share_longer(&Vector3::new(mean.0, mean.1, 0.0), &covariance, 0..2, 0.75);
             assert!((ours - share).abs() < 0.02, "{mean:?} {sigma:?}: {ours} {share}");
-            let all = share_longer::<3, Isometry2<f64>>(&Vector3::new(mean.0, mean.1, 0.0), &covariance, 0.0);
+            let all = share_longer(&Vector3::new(mean.0, mean.1, 0.0), &covariance, 0..2, 0.0);
             assert_eq!(all, 1.0);
         }
     }
