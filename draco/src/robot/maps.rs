@@ -78,6 +78,9 @@ impl SentMaps {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Mismatch;
 
+/// Versions of a partner's cells kept at most until they are compared with; of more, every second one goes.
+const MOST_VERSIONS: usize = 32;
+
 /// A partner's maps, put together from its updates.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct ReceivedMaps {
@@ -86,6 +89,8 @@ pub(crate) struct ReceivedMaps {
     cells: BTreeSet<(i32, i32)>,
     size: f64,
     keyframes: u32,
+    /// Versions of the cells, each with its number of keyframes, that have not been compared with yet.
+    new_cells: Vec<(u32, BTreeSet<(i32, i32)>)>,
     object_version: u32,
     objects: BTreeMap<u32, ObjectEntry>,
     /// Whether whole maps have been asked for and have not come yet.
@@ -95,13 +100,21 @@ pub(crate) struct ReceivedMaps {
 impl ReceivedMaps {
     /// The partner's cells, if there are any.
     pub(crate) fn cells(&self) -> Option<CellMap> {
-        let cells = self.cells.iter().map(|&(row, column)| [column, row]).collect();
-        (self.cell_version > 0).then_some(CellMap { size: self.size, keyframes: self.keyframes, cells })
+        (self.cell_version > 0).then(|| self.cell_map(self.keyframes, &self.cells))
     }
 
-    /// Number of keyframes that the cells are made of, 0 without cells.
-    pub(crate) fn cell_keyframes(&self) -> u32 {
-        self.keyframes
+    /// The versions of the partner's cells that have come since the last call, the newest one last; of more than `most`, as
+    /// many evenly spaced.
+    pub(crate) fn take_new_cells(&mut self, most: usize) -> Vec<CellMap> {
+        let new = std::mem::take(&mut self.new_cells);
+        let parts = most.clamp(1, new.len().max(1));
+        let chosen = (1..=parts).filter_map(|part| new.get((part * new.len() / parts).checked_sub(1)?));
+        chosen.map(|(keyframes, cells)| self.cell_map(*keyframes, cells)).collect()
+    }
+
+    fn cell_map(&self, keyframes: u32, cells: &BTreeSet<(i32, i32)>) -> CellMap {
+        let cells = cells.iter().map(|&(row, column)| [column, row]).collect();
+        CellMap { size: self.size, keyframes, cells }
     }
 
     /// The partner's objects, ascending in number.
@@ -131,6 +144,14 @@ impl ReceivedMaps {
         }
         self.cells.extend(update.added.into_iter().map(swap));
         (self.cell_version, self.size, self.keyframes) = (update.version, update.size, update.keyframes);
+        self.new_cells.push((self.keyframes, self.cells.clone()));
+        if self.new_cells.len() > MOST_VERSIONS {
+            let mut index = 0;
+            self.new_cells.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+        }
         Ok(())
     }
 

@@ -1,19 +1,17 @@
-//! From two maps to closures: alignment, candidates, registration, choice, estimate.
+//! From a hypothesis of where a partner's map lies to closures that confirm or refute it: candidates, registration.
 
 use std::collections::BTreeSet;
 
-use draco_registration::correlative::MapMode;
 use nalgebra::{Isometry2, Point2};
 
 use super::partner::{Alignment, Partner};
-use super::{AlignmentEvent, Proposal, Robot};
-use crate::alignment::{self, MapKind, ObjectMatcher, OwnMap, Verdict};
+use super::{Proposal, Robot};
 use crate::closure;
 use crate::error::Error;
 use crate::evaluate::{Decision, rigid_alignment};
 use crate::keyframe::RobotId;
 use crate::local_slam::merge;
-use crate::message::{CellMap, ClosureEntry, KeyframeId, ObjectEntry};
+use crate::message::{CellMap, ClosureEntry, KeyframeId};
 use crate::objects::{self, Object};
 use crate::transport::Refusal;
 
@@ -21,11 +19,6 @@ impl Robot {
     /// The persistent cells of the own map.
     pub(super) fn cell_map(&self) -> CellMap {
         objects::persistent_cells(self.local.keyframes(), self.local.poses(), &self.params.cells)
-    }
-
-    fn own_map(&self) -> OwnMap {
-        let free = objects::free_cells(self.local.keyframes(), self.local.poses(), &self.params.cells);
-        OwnMap { cells: self.cell_map(), free }
     }
 
     /// The objects of the own map.
@@ -64,88 +57,6 @@ impl Robot {
         tracing::debug!(robot = self.id, partner = id, %error, "nothing can be computed with this partner's data");
         self.transport.refuse(Refusal::Unusable);
         self.tell(id, now, format!("unusable: {error}"));
-    }
-
-    /// Looks for the one clear way in which both maps fit, whenever either has grown: before there is a hypothesis,
-    /// to find one that lasts, and after, because small maps can fit clearly and wrongly.
-    fn align(&mut self, id: RobotId, partner: &mut Partner, now: f64) -> Result<(), Error> {
-        let grown = self.local.poses().len() >= partner.last_attempt.0 + self.params.exchange.map_interval
-            || partner.maps.cell_keyframes() > partner.last_attempt.1;
-        let Some(theirs) = partner.maps.cells().filter(|_| grown) else { return Ok(()) };
-        partner.last_attempt = (self.local.poses().len(), theirs.keyframes);
-        let middle = theirs.middle();
-        let verdict = match self.params.alignment.maps {
-            MapKind::Cells => alignment::align(&self.own_map(), &theirs, &self.params.alignment)?,
-            MapKind::Segments => self.align_objects(partner, ObjectMatcher::Consensus)?,
-            MapKind::Objects => self.align_objects(partner, ObjectMatcher::AsCoded)?,
-        };
-        self.has_news = true;
-        match verdict {
-            Verdict::Clear(mode) => self.weigh(id, partner, mode, &middle, now),
-            Verdict::Ambiguous { ratio } => {
-                self.tell(id, now, format!("ambiguous: second best fit at {ratio:.2} of the best"));
-                self.doubt(id, partner, Alignment::Unknown, now);
-            }
-            Verdict::None => {}
-        }
-        Ok(())
-    }
-
-    fn align_objects(&self, partner: &Partner, matcher: ObjectMatcher) -> Result<Verdict, Error> {
-        let own: Vec<ObjectEntry> = self.object_map()?.iter().map(ObjectEntry::from).collect();
-        let theirs: Vec<ObjectEntry> = partner.maps.objects().cloned().collect();
-        alignment::align_objects(&own, &theirs, matcher)
-    }
-
-    /// What one clear fit does to the alignment held.
-    fn weigh(&mut self, id: RobotId, partner: &mut Partner, mode: MapMode, middle: &Point2<f64>, now: f64) {
-        let params = &self.params.alignment;
-        let agrees = |held: &MapMode| params.same(&held.target_from_source, &mode.target_from_source, middle);
-        match &mut partner.alignment {
-            Alignment::Candidate { mode: held, streak } if agrees(held) => {
-                *held = mode;
-                *streak += 1;
-                if *streak >= params.min_streak {
-                    partner.alignment = Alignment::Tentative(mode);
-                    self.tell(
-                        id,
-                        now,
-                        format!("maps fit, score {:.2}; closures have to confirm it", mode.score),
-                    );
-                }
-            }
-            Alignment::Unknown | Alignment::Candidate { .. } => {
-                partner.alignment = Alignment::Candidate { mode, streak: 1 };
-            }
-            Alignment::Tentative(held) | Alignment::Accepted(held) if agrees(held) => {
-                *held = mode;
-                partner.contradictions = 0;
-            }
-            Alignment::Tentative(_) | Alignment::Accepted(_) => {
-                self.doubt(id, partner, Alignment::Candidate { mode, streak: 1 }, now);
-            }
-        }
-    }
-
-    /// An attempt that does not support the alignment held. After as many in a row as it took to believe it, the
-    /// alignment and its closures are withdrawn and `instead` is what is known.
-    fn doubt(&mut self, id: RobotId, partner: &mut Partner, instead: Alignment, now: f64) {
-        match partner.alignment {
-            Alignment::Unknown | Alignment::Candidate { .. } => partner.alignment = instead,
-            Alignment::Tentative(_) | Alignment::Accepted(_) => {
-                partner.contradictions += 1;
-                if partner.contradictions >= self.params.alignment.min_streak {
-                    self.tell(id, now, "withdrawn: the grown maps no longer fit in this one way".into());
-                    self.proposals.retain(|(source, _), _| source.robot != id);
-                    partner.drop_hypothesis();
-                    partner.alignment = instead;
-                }
-            }
-        }
-    }
-
-    fn tell(&mut self, partner: RobotId, time: f64, verdict: String) {
-        self.events.push(AlignmentEvent { partner, time, verdict });
     }
 
     /// Where a partner's map lies, by the team's estimate if it has one, else by the alignment.

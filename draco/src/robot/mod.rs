@@ -11,6 +11,7 @@
 //! whose maps have not been aligned this way get no closures: closures under a wrong alignment can agree with each
 //! other, and no consistency test could tell.
 
+mod align;
 mod exchange;
 mod judge;
 pub(crate) mod maps;

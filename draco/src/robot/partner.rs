@@ -59,8 +59,8 @@ pub(super) struct Partner {
     pub(super) places: BTreeMap<RobotId, MapPlace>,
     /// Where its map lies.
     pub(super) alignment: Alignment,
-    /// Keyframes of both maps at the last attempt to align them.
-    pub(super) last_attempt: (usize, u32),
+    /// Keyframes of both maps at the last attempt to align them for which both had grown.
+    pub(super) compared: (usize, u32),
     /// Attempts in a row that contradicted the alignment held.
     pub(super) contradictions: usize,
     /// Where its map lay when keyframe pairs were last registered.
