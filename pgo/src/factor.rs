@@ -1,7 +1,7 @@
 use std::fmt::Debug;
 use std::sync::Arc;
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
 use crate::{Kernel, Key};
 
@@ -26,10 +26,63 @@ pub trait CustomFactor<G, const N: usize>: Debug + Send + Sync {
     /// translation, then rotation), row-major, `dimension × N`.
     fn jacobian(&self, poses: &[G], which: usize, jacobian: &mut [f64]);
 
+    /// Adds the Gauss-Newton model of `½|r|²` at `poses`, if the factor knows a shorter way to it than through its
+    /// Jacobians, and returns whether it does. Default: no.
+    fn add_model(&self, poses: &[G], model: &mut FactorModel<N>) -> bool {
+        let _ = (poses, model);
+        false
+    }
+
     /// Whether the factor holds its poses in place by itself, as a prior does, so that their part of the graph needs
     /// no other gauge. Default: no.
     fn anchors(&self) -> bool {
         false
+    }
+}
+
+/// Gradient and Hessian of a factor in the poses it depends on.
+#[derive(Debug, Clone)]
+pub struct FactorModel<const N: usize> {
+    /// By pose, tangent order translation then rotation.
+    pub(crate) gradient: Vec<SVector<f64, N>>,
+    /// Blocks `(i, j)`, `i <= j`, in lexicographic order.
+    pub(crate) hessian: Vec<SMatrix<f64, N, N>>,
+}
+
+impl<const N: usize> FactorModel<N> {
+    /// The model that is zero, of a factor on `poses` poses.
+    pub fn zeros(poses: usize) -> Self {
+        FactorModel {
+            gradient: vec![SVector::zeros(); poses],
+            hessian: vec![SMatrix::zeros(); poses * (poses + 1) / 2],
+        }
+    }
+
+    /// Number of poses.
+    pub fn poses(&self) -> usize {
+        self.gradient.len()
+    }
+
+    /// The gradient by pose `i`.
+    ///
+    /// # Panics
+    /// When there is no such pose.
+    pub fn gradient_mut(&mut self, i: usize) -> &mut SVector<f64, N> {
+        &mut self.gradient[i]
+    }
+
+    /// The block of the Hessian by poses `i` (rows) and `j` (columns), `i <= j`.
+    ///
+    /// # Panics
+    /// When there are no such poses, or `i > j`.
+    pub fn hessian_mut(&mut self, i: usize, j: usize) -> &mut SMatrix<f64, N, N> {
+        assert!(i <= j && j < self.poses(), "block ({i}, {j}) of {} poses", self.poses());
+        &mut self.hessian[i * (2 * self.gradient.len() - i + 1) / 2 + (j - i)]
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.gradient.fill(SVector::zeros());
+        self.hessian.fill(SMatrix::zeros());
     }
 }
 

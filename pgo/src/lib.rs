@@ -34,7 +34,7 @@ mod staircase;
 pub use certify::{Certificate, certify, chordal_objective};
 pub use chordal::{ChordalPose, chordal};
 pub use error::Error;
-pub use factor::{CustomFactor, Factor, FactorId, Measurement};
+pub use factor::{CustomFactor, Factor, FactorId, FactorModel, Measurement};
 pub use gnc::{GncLoss, GncParams, GncSolution, GncStart, gnc};
 pub use graph::{Component, PoseGraph, PoseGraph2, PoseGraph3};
 pub use incremental::{

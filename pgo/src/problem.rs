@@ -7,7 +7,7 @@ use crate::key_table::KeyTable;
 use crate::linearise::{BetweenModel, between_model, prior_model, quadratic};
 use crate::pattern::{Elimination, HELD, Pattern};
 use crate::sparse::{BlockMatrix, Cholesky};
-use crate::{CustomFactor, Error, Factor, FactorId, Kernel, Key, Measurement, PoseGraph};
+use crate::{CustomFactor, Error, Factor, FactorId, FactorModel, Kernel, Key, Measurement, PoseGraph};
 
 #[derive(Debug, Clone)]
 struct Between<G, const N: usize> {
@@ -64,6 +64,7 @@ struct Custom<G, const N: usize> {
     at: Vec<G>,
     residual: Vec<f64>,
     jacobians: Vec<Vec<f64>>,
+    model: FactorModel<N>,
 }
 
 impl<const N: usize, G: LieGroup<N>> Custom<G, N> {
@@ -77,6 +78,7 @@ impl<const N: usize, G: LieGroup<N>> Custom<G, N> {
             at: Vec::with_capacity(k),
             residual: vec![0.0; m],
             jacobians: vec![vec![0.0; m * N]; k],
+            model: FactorModel::zeros(k),
         }
     }
 
@@ -84,6 +86,26 @@ impl<const N: usize, G: LieGroup<N>> Custom<G, N> {
     fn joints(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
         let slots = &self.slots;
         slots.iter().enumerate().flat_map(move |(i, a)| slots[i + 1..].iter().map(move |b| [*a, *b]))
+    }
+
+    /// Adds the products of the Jacobians at the poses of the last [`Custom::evaluate`] to the model.
+    fn model_by_jacobians(&mut self) {
+        let Custom { factor, at, residual, jacobians, model, .. } = self;
+        for (which, jacobian) in jacobians.iter_mut().enumerate() {
+            jacobian.fill(0.0);
+            factor.jacobian(at, which, jacobian);
+        }
+        for (i, ji) in jacobians.iter().enumerate() {
+            let gradient = model.gradient_mut(i);
+            for (row, r) in ji.chunks_exact(N).zip(residual.iter()) {
+                for (g, d) in gradient.iter_mut().zip(row) {
+                    *g += d * r;
+                }
+            }
+            for (j, jj) in jacobians.iter().enumerate().skip(i) {
+                *model.hessian_mut(i, j) += product(ji, jj);
+            }
+        }
     }
 
     /// Evaluates the residual; returns its squared norm.
@@ -273,26 +295,25 @@ fn linearise_custom<const N: usize, G: LieGroup<N>>(
     gradient: &mut [SVector<f64, N>],
 ) -> f64 {
     let weighed = f.kernel.weigh(f.evaluate(poses));
-    let Custom { slots, pairs, factor, at, residual, jacobians, .. } = f;
-    for (which, jacobian) in jacobians.iter_mut().enumerate() {
-        jacobian.fill(0.0);
-        factor.jacobian(at, which, jacobian);
+    f.model.clear();
+    if !f.factor.add_model(&f.at, &mut f.model) {
+        f.model_by_jacobians();
     }
-    let mut pairs = pairs.iter();
-    for (i, ji) in jacobians.iter().enumerate() {
+    let Custom { slots, pairs, model, .. } = f;
+    let (mut pairs, mut blocks) = (pairs.iter(), model.hessian.iter());
+    for (i, gradient_i) in model.gradient.iter().enumerate() {
         let column = columns[slots[i] as usize];
-        if column != HELD {
-            hessian.diagonal[column as usize] += product(ji, ji) * weighed.weight;
-            for (row, r) in ji.chunks_exact(N).zip(residual.iter()) {
-                for (g, d) in gradient[column as usize].iter_mut().zip(row) {
-                    *g += d * r * weighed.weight;
-                }
-            }
+        let diagonal = blocks.next();
+        if let Some(block) = diagonal.filter(|_| column != HELD) {
+            hessian.diagonal[column as usize] += block * weighed.weight;
+            gradient[column as usize] += gradient_i * weighed.weight;
         }
-        for (jj, slot) in jacobians.iter().zip(slots.iter()).skip(i + 1) {
-            let Some(pair) = pairs.next().filter(|pair| **pair != HELD) else { continue };
-            let block = if column < columns[*slot as usize] { product(jj, ji) } else { product(ji, jj) };
-            hessian.off_diagonal[*pair as usize] += block * weighed.weight;
+        for slot in &slots[i + 1..] {
+            let (Some(block), Some(pair)) = (blocks.next(), pairs.next()) else { continue };
+            if *pair != HELD {
+                let block = if column < columns[*slot as usize] { block.transpose() } else { *block };
+                hessian.off_diagonal[*pair as usize] += block * weighed.weight;
+            }
         }
     }
     weighed.rho
