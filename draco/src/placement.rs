@@ -12,6 +12,18 @@ pub(crate) struct Implied {
 }
 
 impl Implied {
+    /// Where a closure puts the map of its source in that of its target.
+    ///
+    /// * `target`, `source` – poses of the two keyframes, each in its robot's own map.
+    pub(crate) fn by(
+        target: &Isometry2<f64>,
+        target_from_source: &Isometry2<f64>,
+        source: &Isometry2<f64>,
+    ) -> Self {
+        let place = target * target_from_source * source.inverse();
+        Implied { place, middle: Point2::from(source.translation.vector) }
+    }
+
     /// The same of the first map in the other one.
     pub(crate) fn reversed(&self) -> Self {
         Implied { place: self.place.inverse(), middle: self.place * self.middle }

@@ -8,7 +8,7 @@ use std::str::FromStr;
 use draco_lie::LieGroup;
 use draco_pgo::distributed::{Link, Neighbour, TwoStepVariant, two_step};
 use draco_pgo::{Kernel, Key, PoseGraph2, SolveParams, solve};
-use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
+use nalgebra::{Isometry2, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
@@ -141,15 +141,17 @@ impl TeamProblem<'_> {
             else {
                 continue;
             };
-            let target_from_source = target * closure.measured * source.inverse();
+            let implied = Implied::by(&target, &closure.measured, &source);
             let ends = (placed.get(&closure.target.robot), placed.get(&closure.source.robot));
-            let (robot, place, at) = match ends {
-                (Some(frame), None) => (closure.source.robot, frame * target_from_source, source),
-                (None, Some(frame)) => (closure.target.robot, frame * target_from_source.inverse(), target),
+            let (robot, frame, implied) = match ends {
+                (Some(frame), None) => (closure.source.robot, frame, implied),
+                (None, Some(frame)) => (closure.target.robot, frame, implied.reversed()),
                 _ => continue,
             };
-            let middle = Point2::from(at.translation.vector);
-            candidates.entry(robot).or_default().push(Implied { place, middle });
+            candidates
+                .entry(robot)
+                .or_default()
+                .push(Implied { place: frame * implied.place, middle: implied.middle });
         }
         let (robot, implied) =
             candidates.into_iter().max_by_key(|(robot, implied)| (implied.len(), Reverse(*robot)))?;

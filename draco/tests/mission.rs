@@ -6,6 +6,7 @@ use draco::consistency::Method;
 use draco::dataset::read_keyframe_folder;
 use draco::evaluate::{Decision, absolute_trajectory_error};
 use draco::keyframe::MissionData;
+use draco::link::Outage;
 use draco::mission::{MissionParams, run};
 use draco::report::RunReport;
 use draco::simulate::{Scenario, SimulationParams, simulate};
@@ -114,6 +115,17 @@ fn harbor_robots_meet_in_their_places_for_every_seed() {
         .map(|(_, _, told)| told)
         .collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// Half a map that stays as it is fits a place of pilings wrongly, however much the other map grows meanwhile.
+#[test]
+fn harbor_robots_meet_in_their_places_after_an_outage_of_half_the_mission() {
+    let data = simulated(Scenario::Harbor, 0);
+    let mut params = MissionParams::default();
+    params.modem.faults.outages = vec![Outage { robot: None, from_s: 200.0, to_s: 400.0 }];
+    let report = run(&data, &params, |_| {}).expect("the mission runs");
+    assert_honest("harbor 0, no link in the second half", &report);
+    assert_eq!(report.merged().count(), 3, "{}", describe("harbor 0", &report));
 }
 
 #[test]

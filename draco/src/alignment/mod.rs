@@ -71,8 +71,9 @@ pub struct AlignmentParams {
     /// Largest score of the second best fit over that of the best. Default 0.90, from the real recording, where
     /// right alignments have 0.69 to 0.88 and wrong ones 0.93 and 1.
     pub max_ratio: f64,
-    /// Attempts in a row, each with larger maps, that have to fit in the same clear way before it is a hypothesis, and
-    /// to fit elsewhere before a hypothesis is withdrawn. Default 3: a false fit rarely survives the growth of a map.
+    /// Attempts in a row, each with both maps larger, that have to fit in the same clear way before it is a hypothesis, and
+    /// attempts to fit elsewhere before a hypothesis is withdrawn. Default 3: a false fit rarely survives the growth of the
+    /// maps. It does survive the growth of one map alone.
     pub min_streak: usize,
     /// Largest distance, at the middle of the partner's map, of two fits that are the same. Default 6 m, three cells.
     pub same_distance: f64,

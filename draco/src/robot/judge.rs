@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use draco_consistency::{Closure2, MapTransform2, PoseKey, Trajectories2};
-use nalgebra::{Isometry2, Point2};
+use nalgebra::Isometry2;
 
 use super::Robot;
 use super::partner::Alignment;
@@ -109,8 +109,7 @@ impl Robot {
     /// Where a closure puts the map of its source in that of its target.
     fn implied(&self, entry: &ClosureEntry) -> Option<Implied> {
         let (target, source) = (self.known_pose(entry.target)?, self.known_pose(entry.source)?);
-        let place = target * entry.measured * source.inverse();
-        Some(Implied { place, middle: Point2::from(source.translation.vector) })
+        Some(Implied::by(&target, &entry.measured, &source))
     }
 
     fn known_pose(&self, keyframe: KeyframeId) -> Option<Isometry2<f64>> {
