@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn robots_start_where_unbiased_closures_put_them() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let clean = Harbor { biased_share: 0.0, gross_share: 0.0, prior_sigma: 2.0, ..Harbor::default() };
+        let clean = Harbor { biased_share: 0.0, gross_share: 0.0, prior_sigma: 10.0, ..Harbor::default() };
         let team: SimulatedTeam<Isometry2<f64>, 3> = harbor(&clean, &mut rng).unwrap();
         let (reference, map_transforms) = (0, team.priors);
         let all: Vec<usize> = (0..team.closures.len()).collect();
@@ -211,6 +211,6 @@ mod tests {
         };
         // without closures the alignment is all there is
         let (with, without) = (off(&all), off(&[]));
-        assert!(with < 0.5 && without > 1.0, "{with} m with closures, {without} m without");
+        assert!(with < 1.5 && without > 3.0, "{with} m with closures, {without} m without");
     }
 }
