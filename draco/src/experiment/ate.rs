@@ -1,31 +1,85 @@
 use super::missions::{Flown, fly, mean, plans, team_ate};
-use super::{Cell, Figure, Outcome, Settings, Table};
+use super::{Cell, Figure, Outcome, Settings, Table, published};
 use crate::consistency::Method;
 use crate::error::Error;
 use crate::simulate::Scenario;
 use crate::two_step::Optimisation;
 
-/// What is compared: all tests under the default optimisation, and the default test under all optimisations.
-fn variants() -> Vec<(Method, Optimisation)> {
-    let tests = Method::ALL.into_iter().map(|(method, _)| (method, Optimisation::TwoStep));
-    tests.chain([Optimisation::AsCoded, Optimisation::Full].map(|way| (Method::Gcm, way))).collect()
+/// Whose front end, test and optimisation a mission is flown with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Variant {
+    pub(super) front_end: FrontEnd,
+    pub(super) method: Method,
+    pub(super) way: Optimisation,
 }
 
-/// Mean error of each robot, both scenarios, every consistency test and every optimisation.
+/// What finds closures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum FrontEnd {
+    /// This crate's defaults.
+    Ours,
+    /// As far as [`published::settings`] goes.
+    Published,
+}
+
+impl FrontEnd {
+    fn name(self) -> &'static str {
+        match self {
+            FrontEnd::Ours => "ours",
+            FrontEnd::Published => "published",
+        }
+    }
+}
+
+impl Variant {
+    /// A test under the default front end and optimisation.
+    pub(super) fn ours(method: Method) -> Self {
+        Variant { front_end: FrontEnd::Ours, method, way: Optimisation::TwoStep }
+    }
+
+    /// Its name in a figure.
+    fn label(self) -> String {
+        match (self.front_end, self.way) {
+            (FrontEnd::Published, _) => format!("published, {}", self.method),
+            (FrontEnd::Ours, Optimisation::TwoStep) => self.method.to_string(),
+            (FrontEnd::Ours, way) => way.to_string(),
+        }
+    }
+}
+
+/// Mean error of each robot, both scenarios, every consistency test under the default optimisation, and the default
+/// test under every optimisation.
+pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
+    let tests = Method::ALL.into_iter().map(|(method, _)| Variant::ours(method));
+    let ways = [Optimisation::AsCoded, Optimisation::Full];
+    let ways = ways.map(|way| Variant { way, ..Variant::ours(Method::Gcm) });
+    let variants: Vec<Variant> = tests.chain(ways).collect();
+    let (mut outcome, flown) = compare(&variants, settings)?;
+    outcome.notes.extend(Scenario::ALL.iter().filter_map(|&scenario| worse_than_pooled(&flown, scenario)));
+    Ok(outcome)
+}
+
+/// Flies both scenarios with all variants.
 ///
 /// Each robot's error is told twice: after an alignment of its own, which shows how bent its map is, and in the team's
 /// frame after the one alignment of the whole team, which shows whether it lies at its place as well. A wrong group of
 /// closures that moves a whole map to a wrong place is seen in the second alone.
-pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
+pub(super) fn compare(
+    variants: &[Variant],
+    settings: &Settings<'_>,
+) -> Result<(Outcome, Vec<Flown<Variant>>), Error> {
     let range = settings.seeds_or(20);
     let seeds = range.end - range.start;
-    let variants = variants();
-    let flown = fly(&plans(&Scenario::ALL, &variants, range), settings, |(method, way), params| {
-        params.robot.method = *method;
-        params.robot.optimisation = *way;
+    let flown = fly(&plans(&Scenario::ALL, variants, range), settings, |plan, params| {
+        if plan.variant.front_end == FrontEnd::Published {
+            params.robot = published::settings(plan.scenario);
+        }
+        params.robot.method = plan.variant.method;
+        params.robot.optimisation = plan.variant.way;
     })?;
     let mut table = Table::new([
         "scenario",
+        "front end",
         "consistency",
         "optimisation",
         "robot 1 m",
@@ -45,6 +99,7 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
     ]);
     let mut runs = Table::new([
         "scenario",
+        "front end",
         "consistency",
         "optimisation",
         "seed",
@@ -64,31 +119,31 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
     let mut figure = Figure {
         title: format!("Position error, mean of {seeds} seeds"),
         y: "ATE, m".into(),
-        categories: variants.iter().map(|v| name_of(*v)).collect(),
+        categories: variants.iter().map(|v| v.label()).collect(),
         ..Figure::default()
     };
-    let mut notes = Vec::new();
     for scenario in Scenario::ALL {
         let mut robots_dots = vec![Vec::new(); 3];
         for (index, &variant) in variants.iter().enumerate() {
             let all: Vec<&Flown<_>> =
                 flown.iter().filter(|f| f.plan.scenario == scenario && f.plan.variant == variant).collect();
-            let robot = |f: &Flown<_>, at: usize| f.report.robots.get(at)?.error().map(|e| e.rmse_m);
             let of_robot: Vec<Option<f64>> =
-                (0..3).map(|at| mean(all.iter().map(|f| robot(f, at)))).collect();
-            let in_team = |f: &Flown<_>, at: usize| {
-                f.report.robots.get(at).and_then(|r| f.report.error_in_team(r)).map(|e| e.rmse_m)
-            };
+                (0..3).map(|at| mean(all.iter().map(|f| own_ate(f, at)))).collect();
             for (dots, ate) in robots_dots.iter_mut().zip(&of_robot) {
                 dots.extend(ate.map(|ate| [index as f64, ate]));
             }
             let teams: Vec<_> = all.iter().map(|f| f.report.summary().team).collect();
-            let head = [scenario.name().into(), variant.0.to_string().into(), variant.1.to_string().into()];
+            let head: [Cell; 4] = [
+                scenario.name().into(),
+                variant.front_end.name().into(),
+                variant.method.to_string().into(),
+                variant.way.to_string().into(),
+            ];
             let merged = all.iter().filter(|f| f.report.merged().count() == f.report.robots.len()).count();
             let mut row: Vec<Cell> = head.to_vec();
             row.extend(of_robot.iter().map(|ate| Cell::number(*ate, 3)));
             row.push(Cell::number(mean(of_robot.iter().copied()), 3));
-            row.extend((0..3).map(|at| Cell::number(mean(all.iter().map(|f| in_team(f, at))), 3)));
+            row.extend((0..3).map(|at| Cell::number(mean(all.iter().map(|f| ate_in_team(f, at))), 3)));
             row.extend([
                 Cell::number(mean(all.iter().map(|f| team_ate(&f.report))), 3),
                 merged.into(),
@@ -102,8 +157,8 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
             for (f, team) in all.iter().zip(&teams) {
                 let mut row: Vec<Cell> = head.to_vec();
                 row.push(f.plan.seed.into());
-                row.extend((0..3).map(|at| Cell::number(robot(f, at), 3)));
-                row.extend((0..3).map(|at| Cell::number(in_team(f, at), 3)));
+                row.extend((0..3).map(|at| Cell::number(own_ate(f, at), 3)));
+                row.extend((0..3).map(|at| Cell::number(ate_in_team(f, at), 3)));
                 row.extend([
                     Cell::number(team_ate(&f.report), 3),
                     f.report.merged().count().into(),
@@ -118,19 +173,25 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
         for (at, dots) in robots_dots.into_iter().enumerate() {
             figure.dots(format!("{} {}", scenario.name(), at + 1), dots);
         }
-        notes.extend(worse_than_pooled(&flown, scenario));
     }
-    Ok(Outcome { table, runs: Some(runs), figure, notes })
+    Ok((Outcome { table, runs: Some(runs), figure, notes: Vec::new() }, flown))
 }
 
-fn name_of((method, way): (Method, Optimisation)) -> String {
-    if way == Optimisation::TwoStep { method.to_string() } else { way.to_string() }
+/// Error of the robot at a place in the list by its own alignment, metres.
+pub(super) fn own_ate<V>(flown: &Flown<V>, at: usize) -> Option<f64> {
+    flown.report.robots.get(at)?.error().map(|error| error.rmse_m)
+}
+
+/// The same under the team's one alignment; `None` for a robot that is not merged.
+pub(super) fn ate_in_team<V>(flown: &Flown<V>, at: usize) -> Option<f64> {
+    let report = &flown.report;
+    report.robots.get(at).and_then(|robot| report.error_in_team(robot)).map(|error| error.rmse_m)
 }
 
 /// Seeds on which `gcm` is worse than the pooled rule by more than 5 %.
-fn worse_than_pooled(flown: &[Flown<(Method, Optimisation)>], scenario: Scenario) -> Option<String> {
+fn worse_than_pooled(flown: &[Flown<Variant>], scenario: Scenario) -> Option<String> {
     let of = |method: Method| {
-        let variant = (method, Optimisation::TwoStep);
+        let variant = Variant::ours(method);
         flown.iter().filter(move |f| f.plan.scenario == scenario && f.plan.variant == variant)
     };
     let ate = |f: &Flown<_>| mean(f.report.robots.iter().map(|r| r.error().map(|e| e.rmse_m)));

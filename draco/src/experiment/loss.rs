@@ -29,7 +29,8 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
     let range = settings.seeds_or(10);
     let seeds = range.end - range.start;
     let variants = variants();
-    let flown = fly(&plans(&Scenario::ALL, &variants, range), settings, |(_, faults), params| {
+    let flown = fly(&plans(&Scenario::ALL, &variants, range), settings, |plan, params| {
+        let (_, faults) = &plan.variant;
         params.modem.faults = Faults { seed: params.seed, ..faults.clone() };
     })?;
     let mut table = Table::new([

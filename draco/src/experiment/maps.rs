@@ -1,5 +1,5 @@
-//! What the maps of a mission cost and are good for, by the way they are sent. No mission is flown: every robot runs its
-//! local SLAM, and its partners get its maps without a loss.
+//! What the maps of a mission cost and are good for, by the way they are sent. No mission is flown: every robot runs
+//! its local SLAM, and its partners get its maps without a loss.
 
 use rayon::prelude::*;
 
@@ -16,8 +16,8 @@ use crate::simulate::{Scenario, SimulationParams, simulate};
 /// Keyframes between two updates of an object map, of the ways that are compared.
 pub(super) const INTERVALS: [usize; 4] = [1, 2, 3, 5];
 
-/// Keyframes between two comparisons of object maps. Neither a divisor nor a multiple of the longer intervals, so that some
-/// maps are fresh and others are not.
+/// Keyframes between two comparisons of object maps. Neither a divisor nor a multiple of the longer intervals, so that
+/// some maps are fresh and others are not.
 const MATCH_EVERY: usize = 4;
 
 /// Bits without packet headers, summed over the robots.

@@ -41,11 +41,11 @@ pub(super) fn plans<V: Clone>(
 
 /// Flies all plans; the results are in the order of the plans.
 ///
-/// * `set` – turns a variant into the mission's settings.
+/// * `set` – turns a plan into the mission's settings.
 pub(super) fn fly<V: Clone + Send + Sync>(
     plans: &[Plan<V>],
     settings: &Settings<'_>,
-    set: impl Fn(&V, &mut MissionParams) + Sync,
+    set: impl Fn(&Plan<V>, &mut MissionParams) + Sync,
 ) -> Result<Vec<Flown<V>>, Error> {
     let done = std::sync::atomic::AtomicUsize::new(0);
     plans
@@ -54,7 +54,7 @@ pub(super) fn fly<V: Clone + Send + Sync>(
             let (scenario, seed) = (plan.scenario, plan.seed);
             let data = simulate(&SimulationParams { scenario, seed, ..SimulationParams::default() })?;
             let mut params = MissionParams { seed, ..MissionParams::default() };
-            set(&plan.variant, &mut params);
+            set(plan, &mut params);
             let report = mission::run(&data, &params, |_| {})?;
             let seconds = report.timing.get("mission_s").copied().unwrap_or(f64::NAN);
             let count = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;

@@ -12,6 +12,7 @@ mod maps;
 mod missions;
 mod overlap;
 mod pairs;
+mod published;
 mod real;
 mod registration_time;
 mod scale;
@@ -87,6 +88,11 @@ impl Experiment {
             name: "ate",
             question: "error of each robot by consistency test and optimisation",
             run: ate::run,
+        },
+        Experiment {
+            name: "published",
+            question: "the published system with each consistency test, ours beside",
+            run: published::run,
         },
         Experiment {
             name: "loss",

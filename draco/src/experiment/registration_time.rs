@@ -16,8 +16,8 @@ use crate::sonar::{Cfar, CfarParams, FrontEnd};
 /// Pairs a mission whose registration is timed.
 const PAIRS: usize = 40;
 
-/// Milliseconds of a local registration from an alignment, and of the baseline's global one, on the same pairs; one after
-/// the other on one thread, alternating.
+/// Milliseconds of a local registration from an alignment, and of the baseline's global one, on the same pairs; one
+/// after the other on one thread, alternating.
 pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
     let mut table =
         Table::new(["scenario", "registration", "pairs", "median ms", "mean ms", "points: target", "source"]);

@@ -16,7 +16,7 @@ const RATE_WINDOW_S: f64 = 30.0;
 pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
     let range = settings.seeds_or(5);
     let seeds = range.end - range.start;
-    let flown = fly(&plans(&Scenario::ALL, &[()], range.clone()), settings, |(), _| {})?;
+    let flown = fly(&plans(&Scenario::ALL, &[()], range.clone()), settings, |_, _| {})?;
     let mut table = Table::new(["scenario", "what", "kbit a robot", "share %", "bit/s"]);
     let mut figure = Figure {
         title: format!("Bits a robot by type, mean of {seeds} seeds"),
