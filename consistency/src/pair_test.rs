@@ -20,8 +20,8 @@ use crate::{Closure, Error, Pose, Trajectories, Trajectory};
 /// are one robot the two odometry parts are correlated and the cross terms are added.
 ///
 /// Everything that belongs to one closure is computed once, so a pair costs one logarithm, one congruence and one
-/// triangular factor. Most pairs that disagree cost less: the χ² of a part of `e` with its own covariance is at most that of
-/// the whole, so a pair whose orientations alone are too far apart for it has failed.
+/// triangular factor. Most pairs that disagree cost less: the χ² of a part of `e` with its own covariance is at most
+/// that of the whole, so a pair whose orientations alone are too far apart for it has failed.
 pub struct PairTest<'a, G, const N: usize> {
     ends: Vec<End<G, N>>,
     first: Option<&'a Trajectory<G, N>>,
@@ -252,7 +252,8 @@ mod tests {
     use super::*;
     use crate::simulate::{Planted, planted};
 
-    /// Pairs refused by their orientations and pairs refused in all, after a check that the former are among the latter.
+    /// Pairs refused by their orientations and pairs refused in all, after a check that the former are among the
+    /// latter.
     fn refused<const N: usize, G: Pose<N>>(probability: f64) -> [usize; 2] {
         let team = planted::<N, G>(&Planted::default(), &mut ChaCha8Rng::seed_from_u64(3)).unwrap();
         let test = PairTest::new(&team.trajectories, &team.closures, probability).unwrap();

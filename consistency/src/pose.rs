@@ -17,8 +17,8 @@ pub trait Pose<const N: usize>: LieGroup<N> {
     /// Whether every number of the pose is finite.
     fn is_finite(&self) -> bool;
 
-    /// At most the square of the angle between two orientations, radians², cheaper than the angle: the square of a chord.
-    /// The default is zero.
+    /// At most the square of the angle between two orientations, radians², cheaper than the angle: the square of a
+    /// chord. The default is zero.
     fn turn_chord_sq(&self, _other: &Self) -> f64 {
         0.0
     }

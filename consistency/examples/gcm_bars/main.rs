@@ -1,10 +1,10 @@
-//! How do the rules compare on correlated outliers, and which bars are met? Prints biased accepted / good kept / precision
-//! of each rule over many seeded harbours, the calibration of the posterior, and each bar.
+//! How do the rules compare on correlated outliers, and which bars are met? Prints biased accepted / good kept /
+//! precision of each rule over many seeded harbours, the calibration of the posterior, and each bar.
 //!
-//! `cargo run --release -p draco-consistency --example gcm_bars -- [--trials N] [--from SEED] [--only WORD] [--ours] [--times]`
+//! `gcm_bars [--trials N] [--from SEED] [--only WORD] [--set PARAMETER=VALUE] [--ours] [--times]`
 //!
-//! Without arguments a short run; 200 trials for figures to quote; `--times` measures time instead. The defaults were chosen on seeds below 1000, so figures
-//! are told from seed 1000 on.
+//! Without arguments a short run; 200 trials for figures to quote; `--times` measures time instead. The defaults were
+//! chosen on seeds below 1000, so figures are told from seed 1000 on.
 
 mod cells;
 mod rules;

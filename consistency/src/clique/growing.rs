@@ -250,8 +250,8 @@ impl Growing {
         }
     }
 
-    /// Takes vertices out of `among`, all joined to `fixed` others, that are joined to fewer than `lower` of it. Returns
-    /// the number of ends of edges among the rest.
+    /// Takes vertices out of `among`, all joined to `fixed` others, that are joined to fewer than `lower` of it.
+    /// Returns the number of ends of edges among the rest.
     fn thin(&self, among: &mut Vec<usize>, fixed: usize, lower: usize) -> usize {
         // Most vertices have too few neighbours altogether.
         among.retain(|&v| self.degree[v] >= lower + fixed);

@@ -16,8 +16,8 @@ fn order_wide<const W: usize>(matrix: &BitMatrix, weights: &[u64], lower: u64) -
 }
 
 /// The order of colouring of some `vertices`: last the one with the lightest neighbourhood, before it the one with the
-/// lightest without that, and so on; of several the one whose neighbours have the lightest neighbourhoods. Vertices that
-/// are in no clique heavier than `lower` are left out. Rows of `adjacent` hold their own vertex too.
+/// lightest without that, and so on; of several the one whose neighbours have the lightest neighbourhoods. Vertices
+/// that are in no clique heavier than `lower` are left out. Rows of `adjacent` hold their own vertex too.
 ///
 /// **Source**: the minimum width order with ties broken by the degrees of the neighbours of Tomita and Kameda, *An
 /// efficient branch-and-bound algorithm for finding a maximum clique with computational experiments*, 2007; the ties

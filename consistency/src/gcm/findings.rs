@@ -57,7 +57,8 @@ impl Findings {
         }
     }
 
-    /// Adds the posterior over the clusters `chosen`, `of` being the probability of the drift scale that it was found with.
+    /// Adds the posterior over the clusters `chosen`, `of` being the probability of the drift scale that it was found
+    /// with.
     pub(crate) fn add<const N: usize>(
         &mut self,
         votes: &Votes<N>,

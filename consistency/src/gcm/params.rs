@@ -33,16 +33,17 @@ pub enum GapUnit {
 pub struct GcmParams {
     /// The robot in whose map all are compared; default the smallest id of each connected team.
     pub reference: Option<u32>,
-    /// Posterior probability from which on a group is accepted whatever the others are; default 0.81, about what one vote
-    /// ahead of a repeated slip gives.
+    /// Posterior probability from which on a group is accepted whatever the others are; default 0.81, about what one
+    /// vote ahead of a repeated slip gives.
     pub accept: f64,
-    /// Largest expected share of wrong groups among the accepted ones of a team, up to which less sure groups are accepted
-    /// among sure ones; default 0.05. 0 accepts from `accept` on alone.
+    /// Largest expected share of wrong groups among the accepted ones of a team, up to which less sure groups are
+    /// accepted among sure ones; default 0.05. 0 accepts from `accept` on alone.
     pub wrong_share: f64,
-    /// Least posterior probability of a group that is accepted among sure ones; default 0.75, above `sound`: a group of which
-    /// nothing is known gains nothing from the rest of its team.
+    /// Least posterior probability of a group that is accepted among sure ones; default 0.75, above `sound`: a group of
+    /// which nothing is known gains nothing from the rest of its team.
     pub accept_among: f64,
-    /// Largest posterior probability of a rejected group; default 0.25. Between this and the accepted a group is undecided.
+    /// Largest posterior probability of a rejected group; default 0.25. Between this and the accepted a group is
+    /// undecided.
     pub reject: f64,
     /// An accepted group is withdrawn only below this once it was accepted before; default 0.60.
     pub withdraw: f64,
@@ -66,18 +67,18 @@ pub struct GcmParams {
     pub gross_share: f64,
     /// The same of lone closures; default 0.50.
     pub gross_share_single: f64,
-    /// α, probability that a second slip between two robots repeats their first, where a prior tells how their maps lie: all
-    /// registrations of the two then start from the same error and tend to fall into the same wrong place; default 0.65.
-    /// Slips that do repeat raise it for the next. Raise it (0.9) in lattices known to alias.
+    /// α, probability that a second slip between two robots repeats their first, where a prior tells how their maps
+    /// lie: all registrations of the two then start from the same error and tend to fall into the same wrong place;
+    /// default 0.65. Slips that do repeat raise it for the next. Raise it (0.9) in lattices known to alias.
     pub alpha: f64,
-    /// The same of two robots without a prior between them: each of their registrations was found by itself, and a lattice
-    /// has two axes, two signs and more than one step to slip by; default 0.05.
+    /// The same of two robots without a prior between them: each of their registrations was found by itself, and a
+    /// lattice has two axes, two signs and more than one step to slip by; default 0.05.
     pub alpha_unplaced: f64,
-    /// χ, odds that a slip new to a robot pair is a given one of another pair rather than one never seen; default 0.05: other
-    /// pairs start from other errors and meet in other places.
+    /// χ, odds that a slip new to a robot pair is a given one of another pair rather than one never seen; default 0.05:
+    /// other pairs start from other errors and meet in other places.
     pub alpha_across: f64,
-    /// γ, how much the evidence on a group counts, see the model; default 1.15, about the maximum likelihood over generated
-    /// harbours of 30 % biased groups. 1 gives the posterior of the model as it is.
+    /// γ, how much the evidence on a group counts, see the model; default 1.15, about the maximum likelihood over
+    /// generated harbours of 30 % biased groups. 1 gives the posterior of the model as it is.
     pub evidence_exponent: f64,
     /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
     pub spike: Sigma,
@@ -89,8 +90,8 @@ pub struct GcmParams {
     pub least_slip: f64,
     /// `S_Y`: yaw slip about the group's place; default 0.3 m, 0.07 rad.
     pub yaw: Sigma,
-    /// Yaw slips smaller than this do not exist: what turns by less is harmless, radians; default 0.0436, 2.5°, which at
-    /// 17 m is as far off as the least slip. 0 allows all.
+    /// Yaw slips smaller than this do not exist: what turns by less is harmless, radians; default 0.0436, 2.5°, which
+    /// at 17 m is as far off as the least slip. 0 allows all.
     pub least_yaw: f64,
     /// `S_O`: gross error; default 6 m, 0.5 rad.
     pub gross: Sigma,
@@ -109,11 +110,12 @@ pub struct GcmParams {
     pub unit: GapUnit,
     /// Closures at most this far apart (both robots) are one group; default 6.
     pub gap: f64,
-    /// A group stays shorter than this on each robot; default 12, so that a pass of twice a sensor's range is one place and
-    /// a longer one is cut.
+    /// A group stays shorter than this on each robot; default 12, so that a pass of twice a sensor's range is one place
+    /// and a longer one is cut.
     pub extent: f64,
-    /// ℓ, length over which neighbouring groups share their fate, and closures of a group their bias; default 4: pieces of
-    /// one run that the extent cut apart share it (κ = 0.94 at a gap of 1), groups that the gap parted hardly do (0.1).
+    /// ℓ, length over which neighbouring groups share their fate, and closures of a group their bias; default 4: pieces
+    /// of one run that the extent cut apart share it (κ = 0.94 at a gap of 1), groups that the gap parted hardly do
+    /// (0.1).
     pub correlation: f64,
     /// Share of true pairs that pass the pair test inside a group; default 0.99.
     pub probability: f64,
@@ -170,8 +172,8 @@ impl Default for GcmParams {
 }
 
 impl GcmParams {
-    /// Accepts from 0.95 on alone and thinks slips repeated as often where no prior is (`alpha_unplaced` 0.6), and between
-    /// whichever robots (`alpha_across` 1): for systems where one wrong merge is worse than many late ones.
+    /// Accepts from 0.95 on alone and thinks slips repeated as often where no prior is (`alpha_unplaced` 0.6), and
+    /// between whichever robots (`alpha_across` 1): for systems where one wrong merge is worse than many late ones.
     pub fn strict() -> Self {
         Self { accept: 0.95, wrong_share: 0.0, alpha_unplaced: 0.6, alpha_across: 1.0, ..Self::default() }
     }
