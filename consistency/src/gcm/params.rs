@@ -33,19 +33,19 @@ pub enum GapUnit {
 pub struct GcmParams {
     /// The robot in whose map all are compared; default the smallest id of each connected team.
     pub reference: Option<u32>,
-    /// Posterior probability from which on a group is accepted whatever the others are; default 0.81, about what one
+    /// Posterior probability from which on a group is accepted whatever the others are; default 0.76, about what one
     /// vote ahead of a repeated slip gives.
     pub accept: f64,
     /// Largest expected share of wrong groups among the accepted ones of a team, up to which less sure groups are
-    /// accepted among sure ones; default 0.05. 0 accepts from `accept` on alone.
+    /// accepted among sure ones; default 0.06. 0 accepts from `accept` on alone.
     pub wrong_share: f64,
-    /// Least posterior probability of a group that is accepted among sure ones; default 0.75, above `sound`: a group of
-    /// which nothing is known gains nothing from the rest of its team.
+    /// Least posterior probability of a group that is accepted among sure ones; default 0.69, above what a group has of
+    /// which nothing is known (`sound` less `doubt`, 0.63): that one gains nothing from the rest of its team.
     pub accept_among: f64,
-    /// Largest posterior probability of a rejected group; default 0.25. Between this and the accepted a group is
+    /// Largest posterior probability of a rejected group; default 0.20. Between this and the accepted a group is
     /// undecided.
     pub reject: f64,
-    /// An accepted group is withdrawn only below this once it was accepted before; default 0.60.
+    /// An accepted group is withdrawn only below this once it was accepted before; default 0.53.
     pub withdraw: f64,
     /// π, prior share of sound groups of at least two closures; default 0.70.
     pub sound: f64,
@@ -80,6 +80,9 @@ pub struct GcmParams {
     /// γ, how much the evidence on a group counts, see the model; default 1.15, about the maximum likelihood over
     /// generated harbours of 30 % biased groups. 1 gives the posterior of the model as it is.
     pub evidence_exponent: f64,
+    /// How much the log odds of each group are lowered, nats, see the model; default 0.30, so that P errs on the side of
+    /// too little where few groups judge each other.
+    pub doubt: f64,
     /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
     pub spike: Sigma,
     /// `S_T`: translation slip, in the common map frame; default 3 m, 0.015 rad: spacings of 2 to 6 m, and what repeats
@@ -131,11 +134,11 @@ impl Default for GcmParams {
     fn default() -> Self {
         Self {
             reference: None,
-            accept: 0.81,
-            wrong_share: 0.05,
-            accept_among: 0.75,
-            reject: 0.25,
-            withdraw: 0.60,
+            accept: 0.76,
+            wrong_share: 0.06,
+            accept_among: 0.69,
+            reject: 0.20,
+            withdraw: 0.53,
             sound: 0.70,
             sound_single: 0.60,
             sound_strength: 20.0,
@@ -148,6 +151,7 @@ impl Default for GcmParams {
             alpha_unplaced: 0.05,
             alpha_across: 0.05,
             evidence_exponent: 1.15,
+            doubt: 0.30,
             spike: Sigma::new(0.1, 0.005),
             slip: Sigma::new(3.0, 0.015),
             least_slip: 0.75,
@@ -178,15 +182,16 @@ impl GcmParams {
         Self { accept: 0.95, wrong_share: 0.0, alpha_unplaced: 0.6, alpha_across: 1.0, ..Self::default() }
     }
 
-    /// Accepts the more probable side and leaves nothing undecided: for systems that must merge. Its error is the
-    /// limit of what the data tell, so with nothing to go on it is wrong at the base rate.
+    /// Accepts what is about as likely as not before `doubt` and leaves nothing undecided: for systems that must merge.
+    /// Its error is the limit of what the data tell, so with nothing to go on it is wrong at the base rate.
     pub fn leading() -> Self {
-        Self { accept: 0.5, reject: 0.5, withdraw: 0.5, ..Self::default() }
+        Self { accept: 0.4, reject: 0.4, withdraw: 0.4, ..Self::default() }
     }
 
     /// Whether a group of which nothing is known, or a rejected one, is never accepted among sure ones.
     fn accept_among_is_sure(&self) -> bool {
-        self.wrong_share == 0.0 || (self.reject <= self.accept_among && self.sound < self.accept_among)
+        let unknown = from_log_odds(log_odds(self.sound) - self.doubt);
+        self.wrong_share == 0.0 || (self.reject <= self.accept_among && unknown < self.accept_among)
     }
 
     /// Prior share of sound ones among lone closures or among groups.
@@ -216,6 +221,7 @@ impl GcmParams {
             ("elsewhere_share", open(self.elsewhere_share)),
             ("prior_sound", open(self.prior_sound)),
             ("evidence_exponent", self.evidence_exponent > 0.0 && self.evidence_exponent.is_finite()),
+            ("doubt", self.doubt.is_finite()),
             ("probability", open(self.probability)),
             ("spike", self.spike.is_positive()),
             ("slip", self.slip.is_positive()),
@@ -237,4 +243,14 @@ impl GcmParams {
             None => Ok(()),
         }
     }
+}
+
+/// Shares of hypotheses may add up to a little more than one.
+pub(crate) fn log_odds(p: f64) -> f64 {
+    let p = p.clamp(0.0, 1.0);
+    p.ln() - (1.0 - p).ln()
+}
+
+pub(crate) fn from_log_odds(odds: f64) -> f64 {
+    (1.0 + (-odds).exp()).recip()
 }
