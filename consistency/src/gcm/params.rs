@@ -81,7 +81,8 @@ pub struct GcmParams {
     /// generated harbours of 30 % biased groups. 1 gives the posterior of the model as it is.
     pub evidence_exponent: f64,
     /// How much the log odds of each group are lowered, nats, see the model; default 0.30, so that P errs on the side of
-    /// too little where few groups judge each other.
+    /// too little where few groups judge each other. The limits of P are meant for it: 0 needs an `accept_among` above
+    /// `sound`.
     pub doubt: f64,
     /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
     pub spike: Sigma,
