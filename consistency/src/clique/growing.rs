@@ -367,13 +367,19 @@ mod tests {
     use crate::graph::Adjacency;
 
     impl Growing {
-        /// As if all of `graph` had been inserted and nothing searched.
+        /// As if all of `graph` had been inserted and only a greedy clique found.
         fn of(graph: Graph, budget: Budget) -> Self {
             let degree = (0..graph.len()).map(|v| graph.degree(v)).collect();
             let upper_bound = (0..graph.len()).map(|v| graph.weight(v)).sum();
-            let empty = Self::new(budget, false);
-            let best = Outcome { upper_bound, optimal: false, ..empty.best.clone() };
-            Self { deleted: vec![false; graph.len()], degree, best, graph, ..empty }
+            let mut vertices: Vec<usize> = Vec::new();
+            for v in 0..graph.len() {
+                if vertices.iter().all(|&u| graph.has_edge(u, v)) {
+                    vertices.push(v);
+                }
+            }
+            let value = graph.total_weight(&vertices);
+            let best = Outcome { vertices, value, upper_bound, optimal: false, nodes: 0 };
+            Self { deleted: vec![false; graph.len()], degree, best, graph, ..Self::new(budget, false) }
         }
     }
 
