@@ -20,7 +20,8 @@ use crate::{Closure, Error, Pose, Trajectories, Trajectory};
 /// are one robot the two odometry parts are correlated and the cross terms are added.
 ///
 /// Everything that belongs to one closure is computed once, so a pair costs one logarithm, one congruence and one
-/// triangular factor.
+/// triangular factor. Most pairs that disagree cost less: the χ² of a part of `e` with its own covariance is at most
+/// that of the whole, so a pair whose orientations alone are too far apart for it has failed.
 pub struct PairTest<'a, G, const N: usize> {
     ends: Vec<End<G, N>>,
     first: Option<&'a Trajectory<G, N>>,
@@ -38,7 +39,12 @@ pub(crate) struct End<G, const N: usize> {
     second_from_first: G,
     adjoint: SMatrix<f64, N, N>,
     measurement: SMatrix<f64, N, N>,
+    /// Trace of the rotation's part of `measurement`.
+    turn: f64,
 }
+
+/// Room for rounding between the part's χ² and the whole's.
+const ROUNDING: f64 = 1.0 + 1e-6;
 
 impl<'a, G: Pose<N>, const N: usize> PairTest<'a, G, N> {
     /// Prepares the closures of one robot pair; those of the other direction are turned.
@@ -111,8 +117,32 @@ impl<'a, G: Pose<N>, const N: usize> PairTest<'a, G, N> {
     }
 
     /// Whether the pair passes.
+    ///
+    /// # Panics
+    /// When `m` or `n` is not below [`PairTest::len`].
     pub fn agree(&self, m: usize, n: usize) -> bool {
-        self.chi2(m, n) <= self.limit
+        !self.turned_apart(&self.ends[m], &self.ends[n]) && self.chi2(m, n) <= self.limit
+    }
+
+    /// Whether the orientations alone say that χ² is above the limit: a lower bound of it is
+    ///
+    /// ```text
+    /// chord² / tr Σ_φφ  ≤  |φ|² / tr Σ_φφ  ≤  φᵀ Σ_φφ⁻¹ φ  ≤  eᵀ Σ⁻¹ e
+    /// ```
+    ///
+    /// Turning the frame does not change the trace, so no adjoint is needed. Not asked where the ends' drifts are
+    /// correlated.
+    #[inline]
+    fn turned_apart(&self, a: &End<G, N>, b: &End<G, N>) -> bool {
+        let (Some(first), Some(second), false) = (self.first, self.second, self.same_robot) else {
+            return false;
+        };
+        let (Some(of_first), Some(of_second)) = (first.turn_between(a.k, b.k), second.turn_between(a.i, b.i))
+        else {
+            return false;
+        };
+        let variance = a.turn + b.turn + of_first + of_second;
+        a.first_from_second.turn_chord_sq(&b.first_from_second) > self.limit * ROUNDING * variance
     }
 
     /// χ² of closures `m` and `n`, symmetric to the bit; `f64::INFINITY` when its covariance is singular.
@@ -158,13 +188,15 @@ impl<G: Pose<N>, const N: usize> End<G, N> {
         let x_i = trajectories.of(index, closure.target)?.poses()[closure.target.index];
         let second_from_first = x_i.compose(&closure.target_from_source).compose(&x_k.inverse());
         let first_from_second = second_from_first.inverse();
+        let measurement = transported(&x_k.adjoint(), &closure.covariance);
         Ok(Self {
             k: closure.source.index,
             i: closure.target.index,
             first_from_second,
             second_from_first,
             adjoint: first_from_second.adjoint(),
-            measurement: transported(&x_k.adjoint(), &closure.covariance),
+            measurement,
+            turn: (G::TRANSLATION..N).map(|row| measurement[(row, row)]).sum(),
         })
     }
 }
@@ -208,4 +240,59 @@ pub(crate) fn mahalanobis_sq<const N: usize>(covariance: &SMatrix<f64, N, N>, e:
         }
     }
     chi2
+}
+
+#[cfg(test)]
+mod tests {
+    use draco_lie::LieGroup;
+    use nalgebra::{Isometry2, Isometry3};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::simulate::{Planted, planted};
+
+    /// Pairs refused by their orientations and pairs refused in all, after a check that the former are among the
+    /// latter.
+    fn refused<const N: usize, G: Pose<N>>(probability: f64) -> [usize; 2] {
+        let team = planted::<N, G>(&Planted::default(), &mut ChaCha8Rng::seed_from_u64(3)).unwrap();
+        let test = PairTest::new(&team.trajectories, &team.closures, probability).unwrap();
+        let pairs = (0..test.len()).flat_map(|n| (0..n).map(move |m| (m, n)));
+        let mut counts = [0; 2];
+        for (m, n) in pairs {
+            let (early, whole) =
+                (test.turned_apart(&test.ends[m], &test.ends[n]), test.chi2(m, n) > test.limit());
+            assert!(whole || !early, "{m} {n}: chi2 {}", test.chi2(m, n));
+            assert_eq!(test.agree(m, n), !whole);
+            counts[0] += usize::from(early);
+            counts[1] += usize::from(whole);
+        }
+        counts
+    }
+
+    #[test]
+    fn orientations_refuse_most_pairs_that_disagree_and_no_other() {
+        for [early, whole] in [0.5, 0.99]
+            .into_iter()
+            .flat_map(|p| [refused::<3, Isometry2<f64>>(p), refused::<6, Isometry3<f64>>(p)])
+        {
+            assert!(early as f64 > 0.6 * whole as f64, "{early} of {whole}");
+        }
+    }
+
+    #[test]
+    fn the_chord_is_at_most_the_angle_and_close_to_it_where_small() {
+        for angle in [0.0, 1e-9, 1e-4, 0.1, -0.1, 1.0, -2.0, 3.1, std::f64::consts::PI] {
+            let chord_2 =
+                Isometry2::planar(1.0, 2.0, 3.0).turn_chord_sq(&Isometry2::planar(0.0, 0.0, 3.0 + angle));
+            let start = Isometry3::planar(1.0, 2.0, 3.0);
+            let turned = start.compose(&Isometry3::rotation(nalgebra::Vector3::new(0.6, 0.0, -0.8) * angle));
+            let chord_3 = start.turn_chord_sq(&turned);
+            for (chord, share) in [(chord_2, 0.5), (chord_3, 0.25)] {
+                let expected = (angle * share).sin() / share;
+                assert!((chord - expected * expected).abs() < 1e-14 + 1e-12 * chord, "{angle}: {chord}");
+                assert!(chord <= angle * angle * (1.0 + 1e-12) + 1e-14);
+            }
+        }
+    }
 }

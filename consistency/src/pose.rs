@@ -17,6 +17,12 @@ pub trait Pose<const N: usize>: LieGroup<N> {
     /// Whether every number of the pose is finite.
     fn is_finite(&self) -> bool;
 
+    /// At most the square of the angle between two orientations, radians², cheaper than the angle: the square of a
+    /// chord. The default is zero.
+    fn turn_chord_sq(&self, _other: &Self) -> f64 {
+        0.0
+    }
+
     /// `sum += A C Aᵀ` of an adjoint and a symmetric covariance, cheaper where the adjoint has zero blocks.
     fn add_congruence(
         sum: &mut SMatrix<f64, N, N>,
@@ -40,6 +46,11 @@ impl Pose<3> for Isometry2<f64> {
         let v = &self.translation.vector;
         v.x.is_finite() && v.y.is_finite() && self.rotation.re.is_finite() && self.rotation.im.is_finite()
     }
+    #[inline]
+    fn turn_chord_sq(&self, other: &Self) -> f64 {
+        let (re, im) = (self.rotation.re - other.rotation.re, self.rotation.im - other.rotation.im);
+        re * re + im * im
+    }
 }
 
 impl Pose<6> for Isometry3<f64> {
@@ -54,6 +65,12 @@ impl Pose<6> for Isometry3<f64> {
     }
     fn is_finite(&self) -> bool {
         self.translation.vector.iter().chain(self.rotation.coords.iter()).all(|v| v.is_finite())
+    }
+    #[inline]
+    fn turn_chord_sq(&self, other: &Self) -> f64 {
+        // A quaternion and its negative are one rotation, and turn by half of its angle.
+        let (a, b) = (&self.rotation.coords, &other.rotation.coords);
+        4.0 * (a - b).norm_squared().min((a + b).norm_squared())
     }
 }
 

@@ -7,8 +7,8 @@ use crate::{Closure, Error, PairTest, Pose, Trajectories};
 ///
 /// Two closures at most six poses apart on both robots see the same place, so that their scatter is noise alone, also
 /// where the place is the wrong one. The tail counts, not the median: public place-recognition sets have honest medians
-/// and errors of many σ. Pairs beyond nine times the limit are outliers and left out; with fewer than 30 pairs the answer
-/// is 1.
+/// and errors of many σ. Pairs beyond nine times the limit are outliers and left out; with fewer than 30 pairs the
+/// answer is 1.
 ///
 /// Use it as `scale` of [`PcmParams`](crate::PcmParams) or [`CycleParams`](crate::CycleParams).
 ///

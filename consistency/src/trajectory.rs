@@ -152,6 +152,15 @@ impl<G: Pose<N>, const N: usize> Trajectory<G, N> {
         Some(self.drift_covariance(k, k)? + self.drift_covariance(l, l)? - cross - cross.transpose())
     }
 
+    /// Trace of the rotation's part of [`Trajectory::drift_between`], radians².
+    pub(crate) fn turn_between(&self, k: usize, l: usize) -> Option<f64> {
+        let trace = |c: &SMatrix<f64, N, N>| (G::TRANSLATION..N).map(|row| c[(row, row)]).sum::<f64>();
+        if let Drift::Chain(accumulated) = &self.drift {
+            return Some(trace(accumulated.get(k.max(l))?) - trace(accumulated.get(k.min(l))?));
+        }
+        Some(trace(&self.drift_between(k, l)?))
+    }
+
     /// Covariance of the relative pose `X_k⁻¹ · X_l`, in the frame of `X_l`'s body, `[translation, rotation]`.
     pub fn relative_covariance(&self, k: usize, l: usize) -> Option<SMatrix<f64, N, N>> {
         let adjoint = self.pose(l)?.inverse().adjoint();

@@ -20,7 +20,8 @@ use rand_chacha::ChaCha8Rng;
 use cells::{Bar, cells};
 use rules::{Rules, run};
 
-/// What `trials` seeds may miss a bar by: three standard errors of a share near the bar, groups of a team counted as one.
+/// What `trials` seeds may miss a bar by: three standard errors of a share near the bar, groups of a team counted as
+/// one.
 fn margin(bar: f64, trials: u64) -> f64 {
     3.0 * (bar * (1.0 - bar) / trials as f64).sqrt()
 }

@@ -41,7 +41,7 @@ fn tight_prior(source: u32, x: f64, y: f64) -> MapTransform2 {
 #[test]
 fn precise_closures_two_to_one_have_the_odds_of_their_votes() {
     let (trajectories, closures) = still_team(2, &[(0, 1, 0.0), (0, 1, 0.0), (0, 1, 2.0)]);
-    let params = GcmParams { evidence_exponent: 1.0, ..GcmParams::default() };
+    let params = GcmParams { evidence_exponent: 1.0, doubt: 0.0, accept_among: 0.75, ..GcmParams::default() };
     let found = gcm(&trajectories, &closures, &[], &params).unwrap();
     let local = (1.0 - params.sound) * (1.0 - params.gross_share) * params.slip_share;
     // the share of sound votes under Beta(w π, w (1 - π)): two of three against one of three

@@ -92,12 +92,14 @@ fn lone(groups: &[bool]) -> Harbor {
 
 #[test]
 fn one_group_without_prior_is_undecided_at_the_prior_share() {
+    let params = GcmParams::default();
+    let doubted = params.sound / (1.0 - params.sound) * (-params.doubt).exp();
     for seed in 0..20 {
         let mut team = team(&lone(&[seed % 2 == 0]), seed);
         team.priors.clear();
-        let found = solve(&team, &GcmParams::default());
+        let found = solve(&team, &params);
         assert_eq!(found.selection.undecided.len(), 6);
-        assert!((found.clusters[0].probability - 0.7).abs() < 0.03);
+        assert!((found.clusters[0].probability - doubted / (1.0 + doubted)).abs() < 0.03);
     }
 }
 

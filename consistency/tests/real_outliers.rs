@@ -104,8 +104,8 @@ fn pcm_and_cycles_sort_out_real_closures() {
 fn group_posterior_sorts_out_real_closures_in_poses_and_in_metres() {
     let Some(folder) = folder() else { return };
     let (trajectories, closures, truth) = load(&folder);
-    // poses lie a tenth of a metre apart, the keyframes that the default extent is meant for 3 m: pieces of 12 are small,
-    // and those that the understated drift moved are refused one by one
+    // poses lie a tenth of a metre apart, the keyframes that the default extent is meant for 3 m: pieces of 12 are
+    // small, and those that the understated drift moved are refused one by one
     for (unit, extent, least_recall) in
         [(GapUnit::Poses, 18.0, 0.84), (GapUnit::Poses, 12.0, 0.80), (GapUnit::Metres, 12.0, 0.82)]
     {

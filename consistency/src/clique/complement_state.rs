@@ -151,8 +151,8 @@ impl<const W: usize> State<W> {
 
     /// Whether some largest independent set does without `v`.
     ///
-    /// If all of them hold `v`, they hold with it each vertex that some neighbour of a single member has alone outside of
-    /// these and their neighbours; a neighbour of a single member that has none there could take its place. Only
+    /// If all of them hold `v`, they hold with it each vertex that some neighbour of a single member has alone outside
+    /// of these and their neighbours; a neighbour of a single member that has none there could take its place. Only
     /// neighbours for which that may have changed are looked at again.
     #[inline(always)]
     fn is_unconfined(&self, v: usize) -> bool {

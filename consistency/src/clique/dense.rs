@@ -3,7 +3,7 @@
 use super::budget::Meter;
 use super::greedy::extend;
 use super::local_search;
-use super::order::{DENSE, density, matters, order_above};
+use super::order::{DENSE, all_matter, density, order_above};
 use super::peels::Peels;
 use super::rows::{closed, complement, full, spread, with_width};
 use super::search::Problem;
@@ -50,7 +50,7 @@ pub(super) fn heavier_in_order(
     }
     let (best, lower) = if weight > lower { (Some(start), weight) } else { (None, lower) };
     let ordered = !dense || through_complement(matrix, weights);
-    if ordered && (0..n).all(matters(matrix, weights, lower)) {
+    if ordered && all_matter(matrix, weights, lower) {
         return exactly(matrix, weights, lower, enough, meter).or(best);
     }
     let kept = order_above(matrix, weights, lower);

@@ -1,14 +1,15 @@
 use super::rows::{Set, and, and_not, count, drop, full, is_empty, members};
 
-/// Upper bound of the size of a clique by a fractional colouring: if `m` stable sets cover each vertex `k` times, no clique has
-/// more than `m / k` vertices, since it meets each set at most once.
+/// Upper bound of the size of a clique by a fractional colouring: if `m` stable sets cover each vertex `k` times, no
+/// clique has more than `m / k` vertices, since it meets each set at most once.
 ///
-/// Colouring (`k` = 1) can be far off where this is exact: graphs that look the same from every vertex (Johnson, Hamming) have a
-/// fractional chromatic number of `n` over the size of the largest stable set. The sets are greedy, each from
-/// the vertices that are covered least; the cover grows to [`FOLDS`]. Cost `O(n³/64)` for each unit of the bound at worst.
+/// Colouring (`k` = 1) can be far off where this is exact: graphs that look the same from every vertex (Johnson,
+/// Hamming) have a fractional chromatic number of `n` over the size of the largest stable set. The sets are greedy,
+/// each from the vertices that are covered least; the cover grows to [`FOLDS`]. Cost `O(n³/64)` for each unit of the
+/// bound at worst.
 ///
-/// **Source**: Grötschel, Lovász and Schrijver, *The ellipsoid method and its consequences in combinatorial optimization*,
-/// 1981, for the bound; the cover here is heuristic, so it lies above the fractional chromatic number.
+/// **Source**: Grötschel, Lovász and Schrijver, *The ellipsoid method and its consequences in combinatorial
+/// optimization*, 1981, for the bound; the cover here is heuristic, so it lies above the fractional chromatic number.
 ///
 /// `adjacent` rows hold their own vertex too.
 pub(super) fn bound<const W: usize>(adjacent: &[Set<W>]) -> usize {

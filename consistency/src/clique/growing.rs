@@ -250,8 +250,8 @@ impl Growing {
         }
     }
 
-    /// Takes vertices out of `among`, all joined to `fixed` others, that are joined to fewer than `lower` of it. Returns
-    /// the number of ends of edges among the rest.
+    /// Takes vertices out of `among`, all joined to `fixed` others, that are joined to fewer than `lower` of it.
+    /// Returns the number of ends of edges among the rest.
     fn thin(&self, among: &mut Vec<usize>, fixed: usize, lower: usize) -> usize {
         // Most vertices have too few neighbours altogether.
         among.retain(|&v| self.degree[v] >= lower + fixed);
@@ -353,5 +353,55 @@ impl NullaryFnOnce for Thin<'_> {
             }
         }
         ends
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use cpu_time::ProcessTime;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+    use crate::graph::Adjacency;
+
+    impl Growing {
+        /// As if all of `graph` had been inserted and only a greedy clique found.
+        fn of(graph: Graph, budget: Budget) -> Self {
+            let degree = (0..graph.len()).map(|v| graph.degree(v)).collect();
+            let upper_bound = (0..graph.len()).map(|v| graph.weight(v)).sum();
+            let mut vertices: Vec<usize> = Vec::new();
+            for v in 0..graph.len() {
+                if vertices.iter().all(|&u| graph.has_edge(u, v)) {
+                    vertices.push(v);
+                }
+            }
+            let value = graph.total_weight(&vertices);
+            let best = Outcome { vertices, value, upper_bound, optimal: false, nodes: 0 };
+            Self { deleted: vec![false; graph.len()], degree, best, graph, ..Self::new(budget, false) }
+        }
+    }
+
+    #[test]
+    fn weighed_inserts_into_thousands_nearly_all_joined_keep_their_budget() {
+        const N: usize = 4_400;
+        let rng = &mut rand_chacha::ChaCha8Rng::seed_from_u64(2);
+        let mut graph = Graph::new(N).unwrap();
+        for v in 0..N {
+            graph.set_weight(v, (v * 37 % 200 + 1) as f64).unwrap();
+            let near: Vec<usize> = (0..v).filter(|_| rng.random_bool(0.998)).collect();
+            graph.join_all(v, &near, |_| ());
+        }
+        let mut cliques = Growing::of(graph, Budget::time(Duration::from_millis(50)));
+        for _ in 0..4 {
+            let near: Vec<usize> = (0..cliques.graph.len()).filter(|_| rng.random_bool(0.998)).collect();
+            let start = ProcessTime::now();
+            cliques.insert(&near, 100.0).unwrap();
+            // The last step is not cut short, and this may be a slow build.
+            assert!(start.elapsed() < Duration::from_secs(4), "{:?}", start.elapsed());
+            let best = cliques.best();
+            assert!(cliques.graph.is_clique(&best.vertices) && best.value <= best.upper_bound);
+        }
     }
 }

@@ -16,8 +16,8 @@ fn order_wide<const W: usize>(matrix: &BitMatrix, weights: &[u64], lower: u64) -
 }
 
 /// The order of colouring of some `vertices`: last the one with the lightest neighbourhood, before it the one with the
-/// lightest without that, and so on; of several the one whose neighbours have the lightest neighbourhoods. Vertices that
-/// are in no clique heavier than `lower` are left out. Rows of `adjacent` hold their own vertex too.
+/// lightest without that, and so on; of several the one whose neighbours have the lightest neighbourhoods. Vertices
+/// that are in no clique heavier than `lower` are left out. Rows of `adjacent` hold their own vertex too.
 ///
 /// **Source**: the minimum width order with ties broken by the degrees of the neighbours of Tomita and Kameda, *An
 /// efficient branch-and-bound algorithm for finding a maximum clique with computational experiments*, 2007; the ties
@@ -51,8 +51,8 @@ impl<const W: usize> NullaryFnOnce for Order<'_, W> {
         };
         let mut around = Tally::new();
         members(vertices).for_each(|v| around.add(&near(v, &vertices), weights[v]));
-        let mut matters = vec![false; adjacent.len()];
-        members(vertices).for_each(|v| matters[v] = weights[v] > 0 && weights[v] + around.of(v) > lower);
+        let mut kept = vec![false; adjacent.len()];
+        members(vertices).for_each(|v| kept[v] = matters(weights[v], around.of(v), lower));
         let mut ranked: Vec<usize> = members(vertices).collect();
         ranked.sort_by_cached_key(|&v| around.total(&near(v, &vertices)));
         let mut rank = vec![0u32; adjacent.len()];
@@ -63,28 +63,25 @@ impl<const W: usize> NullaryFnOnce for Order<'_, W> {
             around.subtract(&near(v, &left), weights[v]);
             order.push(v);
         }
-        order.retain(|&v| matters[v]);
+        order.retain(|&v| kept[v]);
         order.reverse();
         order
     }
 }
 
-/// Weight of all neighbours.
-fn weight_around(matrix: &BitMatrix, weights: &[u64], v: usize) -> u64 {
-    matrix.neighbors(v).map(|u| weights[u]).sum()
+/// Whether all vertices may be in a clique heavier than `lower`.
+pub(super) fn all_matter(matrix: &BitMatrix, weights: &[u64], lower: u64) -> bool {
+    let counted = weights.iter().all(|&w| w == 1);
+    let around = |v: usize| match counted {
+        true => matrix.degree(v) as u64,
+        false => matrix.neighbors(v).map(|u| weights[u]).sum(),
+    };
+    (0..matrix.len()).all(|v| matters(weights[v], around(v), lower))
 }
 
-/// Whether a vertex may be in a clique heavier than `lower`.
-pub(super) fn matters<'a>(
-    matrix: &'a BitMatrix,
-    weights: &'a [u64],
-    lower: u64,
-) -> impl Fn(usize) -> bool + 'a {
-    let counted = weights.iter().all(|&w| w == 1);
-    move |v| {
-        let around = if counted { matrix.degree(v) as u64 } else { weight_around(matrix, weights, v) };
-        weights[v] > 0 && weights[v] + around > lower
-    }
+/// Whether a vertex of this weight and with this weight around it may be in a clique heavier than `lower`.
+fn matters(weight: u64, around: u64, lower: u64) -> bool {
+    weight > 0 && weight + around > lower
 }
 
 /// Share of the vertex pairs that are joined, about.

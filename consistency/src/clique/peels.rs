@@ -3,9 +3,9 @@
 use super::cores::{Cores, Fit};
 use super::rows::{Set, and_not, drop, empty, first, is_empty, put};
 
-/// Words that the cores of one node may look at, a tenth of a second; graphs of hundreds of vertices take a hundredth of
-/// it. Among thousands that are nearly all joined, most sets have one member and each forces a step through all others,
-/// for every vertex: hours.
+/// Words that the cores of one node may look at, a tenth of a second; graphs of hundreds of vertices take a hundredth
+/// of it. Among thousands that are nearly all joined, most sets have one member and each forces a step through all
+/// others, for every vertex: hours.
 const MOST_WORK: u64 = 1 << 28;
 
 /// Scratch of [`Peels::branching`].

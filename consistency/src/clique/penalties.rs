@@ -4,8 +4,8 @@ use super::rows::{Set, and_not, drop, empty, members, put};
 
 /// A large clique, found by a search that learns which vertices lead it astray.
 ///
-/// The clique grows, then swaps as long as it shares a vertex with the one it was; then all its members get a penalty and
-/// all but the last go. Of the vertices that fit, one with the least penalty moves, of several the one that rested
+/// The clique grows, then swaps as long as it shares a vertex with the one it was; then all its members get a penalty
+/// and all but the last go. Of the vertices that fit, one with the least penalty moves, of several the one that rested
 /// longest. Cliques whose vertices have few neighbours, which greedy moves pass by, are found this way. Now and then
 /// penalties decay: as often as keeps three vertices in four penalised.
 ///

@@ -42,8 +42,8 @@ pub(super) fn is_single<const W: usize>(set: &Set<W>) -> bool {
     words == 1 && set.iter().fold(0, |more, word| more | word & word.wrapping_sub(1)) == 0
 }
 
-/// The vertices that are taken when each in turn is, unless it is joined to one taken before; `adjacent` rows hold their
-/// own vertex too.
+/// The vertices that are taken when each in turn is, unless it is joined to one taken before; `adjacent` rows hold
+/// their own vertex too.
 #[inline(always)]
 pub(super) fn stable<const W: usize>(candidates: &Set<W>, adjacent: &[Set<W>]) -> Set<W> {
     let (mut free, mut stable) = (*candidates, empty::<W>());

@@ -121,7 +121,8 @@ impl<const N: usize> Beam<N> {
         self.hypotheses.iter().reduce(|best, h| if h.weight > best.weight { h } else { best })
     }
 
-    /// Gives each hypothesis the evidence of slips and yaw slips as they are thought of, instead of the normals searched with.
+    /// Gives each hypothesis the evidence of slips and yaw slips as they are thought of, instead of the normals
+    /// searched with.
     fn weigh_biases<G: Pose<N>>(&mut self, votes: &Votes<N>) {
         for hypothesis in &mut self.hypotheses {
             // biases are taken one by one

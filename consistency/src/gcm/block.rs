@@ -63,8 +63,8 @@ impl Blocks {
     }
 }
 
-/// One beam search, repeated once when its best hypothesis moves a map far from the linearisation, and again under rising
-/// scales of the drift.
+/// One beam search, repeated once when its best hypothesis moves a map far from the linearisation, and again under
+/// rising scales of the drift.
 fn solve<const N: usize, G: Pose<N>>(
     evidence: &Evidence<'_, G, N>,
     reference: u32,

@@ -19,8 +19,8 @@ fn gain(n: usize) -> f64 {
 ///
 /// * `group_of` – the group of each vertex, any numbers.
 ///
-/// Exact branch and bound, unless the budget ends first. With the set `R` taken, what the candidates can still add is at
-/// most the least of
+/// Exact branch and bound, unless the budget ends first. With the set `R` taken, what the candidates can still add is
+/// at most the least of
 ///
 /// * the sum over colour classes of the largest single gain, since a clique has one vertex of a class and gains shrink,
 /// * the sum over groups of the gain of as many members as the group has colours,

@@ -4,7 +4,7 @@ use nalgebra::SVector;
 
 use super::beam::{Beam, Hypothesis, State};
 use super::clusters::Cluster;
-use super::params::GcmParams;
+use super::params::{GcmParams, from_log_odds, log_odds};
 use super::votes::{Kind, Votes};
 use crate::Pose;
 
@@ -46,18 +46,18 @@ impl Findings {
         self.drift_scale = self.drift_scale.max(block.drift_scale);
     }
 
-    /// Raises the evidence on each cluster, its posterior odds over its prior odds, to the power `evidence_exponent`.
+    /// Raises the evidence on each cluster, its posterior odds over its prior odds, to the power `evidence_exponent`, and
+    /// takes `doubt` from its log odds.
     pub(crate) fn weigh_evidence(&mut self, clusters: &[Cluster], params: &GcmParams) {
-        // shares of hypotheses may add up to a little more than one
-        let log_odds = |p: f64| p.clamp(0.0, 1.0).ln() - (1.0 - p.clamp(0.0, 1.0)).ln();
         for (sound, cluster) in self.sound.iter_mut().zip(clusters) {
             let prior = log_odds(params.sound_share(cluster.members.len() == 1));
             let evidence = params.evidence_exponent * (log_odds(*sound) - prior);
-            *sound = (1.0 + (-prior - evidence).exp()).recip();
+            *sound = from_log_odds(prior + evidence - params.doubt);
         }
     }
 
-    /// Adds the posterior over the clusters `chosen`, `of` being the probability of the drift scale that it was found with.
+    /// Adds the posterior over the clusters `chosen`, `of` being the probability of the drift scale that it was found
+    /// with.
     pub(crate) fn add<const N: usize>(
         &mut self,
         votes: &Votes<N>,
@@ -113,9 +113,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn evidence_is_raised_to_its_power_about_the_prior_share() {
+    fn evidence_is_raised_to_its_power_about_the_prior_share_and_doubted() {
+        let doubt = 3.0f64.ln();
         let params =
-            GcmParams { evidence_exponent: 2.0, sound: 0.7, sound_single: 0.6, ..Default::default() };
+            GcmParams { evidence_exponent: 2.0, sound: 0.7, sound_single: 0.6, doubt, ..Default::default() };
         let cluster =
             |size: usize| Cluster { robots: (0, 1), group: 0, members: (0..size).collect(), is_main: true };
         let clusters = [2, 2, 2, 2, 2, 1, 1].map(cluster);
@@ -124,9 +125,9 @@ mod tests {
         // of lone ones: nothing, less
         findings.sound = vec![0.7, 21.0 / 22.0, 1.0, 1.0 + 1e-15, 0.0, 0.6, 0.5];
         findings.weigh_evidence(&clusters, &params);
-        let odds = 7.0 / 3.0 * 81.0;
+        let share = |odds: f64| odds / 3.0 / (1.0 + odds / 3.0);
         let lone = 1.5 * (1.0f64 / 1.5).powi(2);
-        let expected = [0.7, odds / (1.0 + odds), 1.0, 1.0, 0.0, 0.6, lone / (1.0 + lone)];
+        let expected = [share(7.0 / 3.0), share(7.0 / 3.0 * 81.0), 1.0, 1.0, 0.0, share(1.5), share(lone)];
         for (p, expected) in findings.sound.iter().zip(expected) {
             assert!((p - expected).abs() < 1e-12, "{p} {expected}");
         }

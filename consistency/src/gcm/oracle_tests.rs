@@ -232,7 +232,7 @@ fn shares(groups: &[Graded], taken: impl Fn(&Graded) -> bool) -> (f64, f64) {
 
 fn compare(params: &Harbor, trials: std::ops::Range<u64>, settings: &GcmParams) -> [Vec<Graded>; 3] {
     // who knows the generator needs no calibration
-    let as_told = GcmParams { evidence_exponent: 1.0, ..settings.clone() };
+    let as_told = GcmParams { evidence_exponent: 1.0, doubt: 0.0, ..settings.clone() };
     let mut all = [const { Vec::new() }; 3];
     for seed in trials {
         let (team, heading) = team(params, seed);

@@ -33,18 +33,19 @@ pub enum GapUnit {
 pub struct GcmParams {
     /// The robot in whose map all are compared; default the smallest id of each connected team.
     pub reference: Option<u32>,
-    /// Posterior probability from which on a group is accepted whatever the others are; default 0.81, about what one vote
-    /// ahead of a repeated slip gives.
+    /// Posterior probability from which on a group is accepted whatever the others are; default 0.76, about what one
+    /// vote ahead of a repeated slip gives.
     pub accept: f64,
-    /// Largest expected share of wrong groups among the accepted ones of a team, up to which less sure groups are accepted
-    /// among sure ones; default 0.05. 0 accepts from `accept` on alone.
+    /// Largest expected share of wrong groups among the accepted ones of a team, up to which less sure groups are
+    /// accepted among sure ones; default 0.06. 0 accepts from `accept` on alone.
     pub wrong_share: f64,
-    /// Least posterior probability of a group that is accepted among sure ones; default 0.75, above `sound`: a group of which
-    /// nothing is known gains nothing from the rest of its team.
+    /// Least posterior probability of a group that is accepted among sure ones; default 0.69, above what a group has of
+    /// which nothing is known (`sound` less `doubt`, 0.63): that one gains nothing from the rest of its team.
     pub accept_among: f64,
-    /// Largest posterior probability of a rejected group; default 0.25. Between this and the accepted a group is undecided.
+    /// Largest posterior probability of a rejected group; default 0.20. Between this and the accepted a group is
+    /// undecided.
     pub reject: f64,
-    /// An accepted group is withdrawn only below this once it was accepted before; default 0.60.
+    /// An accepted group is withdrawn only below this once it was accepted before; default 0.53.
     pub withdraw: f64,
     /// π, prior share of sound groups of at least two closures; default 0.70.
     pub sound: f64,
@@ -66,19 +67,23 @@ pub struct GcmParams {
     pub gross_share: f64,
     /// The same of lone closures; default 0.50.
     pub gross_share_single: f64,
-    /// α, probability that a second slip between two robots repeats their first, where a prior tells how their maps lie: all
-    /// registrations of the two then start from the same error and tend to fall into the same wrong place; default 0.65.
-    /// Slips that do repeat raise it for the next. Raise it (0.9) in lattices known to alias.
+    /// α, probability that a second slip between two robots repeats their first, where a prior tells how their maps
+    /// lie: all registrations of the two then start from the same error and tend to fall into the same wrong place;
+    /// default 0.65. Slips that do repeat raise it for the next. Raise it (0.9) in lattices known to alias.
     pub alpha: f64,
-    /// The same of two robots without a prior between them: each of their registrations was found by itself, and a lattice
-    /// has two axes, two signs and more than one step to slip by; default 0.05.
+    /// The same of two robots without a prior between them: each of their registrations was found by itself, and a
+    /// lattice has two axes, two signs and more than one step to slip by; default 0.05.
     pub alpha_unplaced: f64,
-    /// χ, odds that a slip new to a robot pair is a given one of another pair rather than one never seen; default 0.05: other
-    /// pairs start from other errors and meet in other places.
+    /// χ, odds that a slip new to a robot pair is a given one of another pair rather than one never seen; default 0.05:
+    /// other pairs start from other errors and meet in other places.
     pub alpha_across: f64,
-    /// γ, how much the evidence on a group counts, see the model; default 1.15, about the maximum likelihood over generated
-    /// harbours of 30 % biased groups. 1 gives the posterior of the model as it is.
+    /// γ, how much the evidence on a group counts, see the model; default 1.15, about the maximum likelihood over
+    /// generated harbours of 30 % biased groups. 1 gives the posterior of the model as it is.
     pub evidence_exponent: f64,
+    /// How much the log odds of each group are lowered, nats, see the model; default 0.30, so that P errs on the side of
+    /// too little where few groups judge each other. The limits of P are meant for it: 0 needs an `accept_among` above
+    /// `sound`.
+    pub doubt: f64,
     /// Spike `S_b`: harmless bias common to a sound group; default 0.1 m, 0.005 rad.
     pub spike: Sigma,
     /// `S_T`: translation slip, in the common map frame; default 3 m, 0.015 rad: spacings of 2 to 6 m, and what repeats
@@ -89,8 +94,8 @@ pub struct GcmParams {
     pub least_slip: f64,
     /// `S_Y`: yaw slip about the group's place; default 0.3 m, 0.07 rad.
     pub yaw: Sigma,
-    /// Yaw slips smaller than this do not exist: what turns by less is harmless, radians; default 0.0436, 2.5°, which at
-    /// 17 m is as far off as the least slip. 0 allows all.
+    /// Yaw slips smaller than this do not exist: what turns by less is harmless, radians; default 0.0436, 2.5°, which
+    /// at 17 m is as far off as the least slip. 0 allows all.
     pub least_yaw: f64,
     /// `S_O`: gross error; default 6 m, 0.5 rad.
     pub gross: Sigma,
@@ -109,11 +114,12 @@ pub struct GcmParams {
     pub unit: GapUnit,
     /// Closures at most this far apart (both robots) are one group; default 6.
     pub gap: f64,
-    /// A group stays shorter than this on each robot; default 12, so that a pass of twice a sensor's range is one place and
-    /// a longer one is cut.
+    /// A group stays shorter than this on each robot; default 12, so that a pass of twice a sensor's range is one place
+    /// and a longer one is cut.
     pub extent: f64,
-    /// ℓ, length over which neighbouring groups share their fate, and closures of a group their bias; default 4: pieces of
-    /// one run that the extent cut apart share it (κ = 0.94 at a gap of 1), groups that the gap parted hardly do (0.1).
+    /// ℓ, length over which neighbouring groups share their fate, and closures of a group their bias; default 4: pieces
+    /// of one run that the extent cut apart share it (κ = 0.94 at a gap of 1), groups that the gap parted hardly do
+    /// (0.1).
     pub correlation: f64,
     /// Share of true pairs that pass the pair test inside a group; default 0.99.
     pub probability: f64,
@@ -129,11 +135,11 @@ impl Default for GcmParams {
     fn default() -> Self {
         Self {
             reference: None,
-            accept: 0.81,
-            wrong_share: 0.05,
-            accept_among: 0.75,
-            reject: 0.25,
-            withdraw: 0.60,
+            accept: 0.76,
+            wrong_share: 0.06,
+            accept_among: 0.69,
+            reject: 0.20,
+            withdraw: 0.53,
             sound: 0.70,
             sound_single: 0.60,
             sound_strength: 20.0,
@@ -146,6 +152,7 @@ impl Default for GcmParams {
             alpha_unplaced: 0.05,
             alpha_across: 0.05,
             evidence_exponent: 1.15,
+            doubt: 0.30,
             spike: Sigma::new(0.1, 0.005),
             slip: Sigma::new(3.0, 0.015),
             least_slip: 0.75,
@@ -170,21 +177,22 @@ impl Default for GcmParams {
 }
 
 impl GcmParams {
-    /// Accepts from 0.95 on alone and thinks slips repeated as often where no prior is (`alpha_unplaced` 0.6), and between
-    /// whichever robots (`alpha_across` 1): for systems where one wrong merge is worse than many late ones.
+    /// Accepts from 0.95 on alone and thinks slips repeated as often where no prior is (`alpha_unplaced` 0.6), and
+    /// between whichever robots (`alpha_across` 1): for systems where one wrong merge is worse than many late ones.
     pub fn strict() -> Self {
         Self { accept: 0.95, wrong_share: 0.0, alpha_unplaced: 0.6, alpha_across: 1.0, ..Self::default() }
     }
 
-    /// Accepts the more probable side and leaves nothing undecided: for systems that must merge. Its error is the
-    /// limit of what the data tell, so with nothing to go on it is wrong at the base rate.
+    /// Accepts what is about as likely as not before `doubt` and leaves nothing undecided: for systems that must merge.
+    /// Its error is the limit of what the data tell, so with nothing to go on it is wrong at the base rate.
     pub fn leading() -> Self {
-        Self { accept: 0.5, reject: 0.5, withdraw: 0.5, ..Self::default() }
+        Self { accept: 0.4, reject: 0.4, withdraw: 0.4, ..Self::default() }
     }
 
     /// Whether a group of which nothing is known, or a rejected one, is never accepted among sure ones.
     fn accept_among_is_sure(&self) -> bool {
-        self.wrong_share == 0.0 || (self.reject <= self.accept_among && self.sound < self.accept_among)
+        let unknown = from_log_odds(log_odds(self.sound) - self.doubt);
+        self.wrong_share == 0.0 || (self.reject <= self.accept_among && unknown < self.accept_among)
     }
 
     /// Prior share of sound ones among lone closures or among groups.
@@ -214,6 +222,7 @@ impl GcmParams {
             ("elsewhere_share", open(self.elsewhere_share)),
             ("prior_sound", open(self.prior_sound)),
             ("evidence_exponent", self.evidence_exponent > 0.0 && self.evidence_exponent.is_finite()),
+            ("doubt", self.doubt.is_finite()),
             ("probability", open(self.probability)),
             ("spike", self.spike.is_positive()),
             ("slip", self.slip.is_positive()),
@@ -235,4 +244,14 @@ impl GcmParams {
             None => Ok(()),
         }
     }
+}
+
+/// Shares of hypotheses may add up to a little more than one.
+pub(crate) fn log_odds(p: f64) -> f64 {
+    let p = p.clamp(0.0, 1.0);
+    p.ln() - (1.0 - p).ln()
+}
+
+pub(crate) fn from_log_odds(odds: f64) -> f64 {
+    (1.0 + (-odds).exp()).recip()
 }

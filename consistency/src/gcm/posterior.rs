@@ -155,8 +155,8 @@ fn solve_team<const N: usize, G: Pose<N>>(
     blocks.solve(evidence, reference, &BTreeSet::from([reference]), &within, findings)
 }
 
-/// `c S_m + n_m S_b` with `n_m = Σ exp(-(gap/ℓ)²)` over the closures of its cluster: so many share its bias, and together
-/// they weigh like one vote. The ends of a long group are of different places.
+/// `c S_m + n_m S_b` with `n_m = Σ exp(-(gap/ℓ)²)` over the closures of its cluster: so many share its bias, and
+/// together they weigh like one vote. The ends of a long group are of different places.
 fn hand_over<const N: usize, G: Pose<N>>(
     closures: &[Closure<G, N>],
     problem: &Problem<G, N>,

@@ -9,8 +9,8 @@ use crate::{Pose, isotropic_covariance};
 /// Share and width over `S_T`'s of the normals that slips are made of: a scale known to within an octave.
 const WIDTHS: [(f64, f64); 3] = [(0.25, 0.5), (0.5, 1.0), (0.25, 2.0)];
 
-/// What is thought of a slip before any is seen: one of three widths, and none shorter than `least_slip`; of a yaw slip,
-/// that none is smaller than `least_yaw`.
+/// What is thought of a slip before any is seen: one of three widths, and none shorter than `least_slip`; of a yaw
+/// slip, that none is smaller than `least_yaw`.
 ///
 /// The beam searches with one normal as wide as all together in the mean square; afterwards each hypothesis gets the
 /// evidence of the mixture.
@@ -60,8 +60,8 @@ impl<const N: usize> SlipPrior<N> {
         &self.searched
     }
 
-    /// log of the evidence with this prior over the evidence with the normal searched with, under which the slip came out
-    /// as `mean` and `covariance`.
+    /// log of the evidence with this prior over the evidence with the normal searched with, under which the slip came
+    /// out as `mean` and `covariance`.
     ///
     /// ```text
     /// 1/C_k = 1/C - 1/S + 1/S_k        η = m/C
@@ -114,8 +114,9 @@ fn half_log_determinant<const N: usize>(s: &SMatrix<f64, N, N>) -> f64 {
 
 /// `P(|t| > least)` of the part `t` of a normal tangent vector along `axes`, at least 1e-6.
 ///
-/// Of one axis it is exact. Of several, `|t|²` is a weighted sum of noncentral χ²; its mean and variance give a scaled χ² (Patnaik, 1949), and the cube root
-/// of that is nearly normal (Wilson and Hilferty, 1931). Does not depend on the axes.
+/// Of one axis it is exact. Of several, `|t|²` is a weighted sum of noncentral χ²; its mean and variance give a scaled
+/// χ² (Patnaik, 1949), and the cube root of that is nearly normal (Wilson and Hilferty, 1931). Does not depend on the
+/// axes.
 fn share_longer<const N: usize>(
     mean: &SVector<f64, N>,
     covariance: &SMatrix<f64, N, N>,

@@ -79,8 +79,9 @@ fn by_itself(probability: f64, is_held: bool, params: &GcmParams) -> Verdict {
     }
 }
 
-/// Accepts further clusters of a team, the surest first, down to `params.accept_among`, as long as the expected share of
-/// wrong ones among all accepted, the mean of `1 - P`, stays within `params.wrong_share`. Equally sure ones go together.
+/// Accepts further clusters of a team, the surest first, down to `params.accept_among`, as long as the expected share
+/// of wrong ones among all accepted, the mean of `1 - P`, stays within `params.wrong_share`. Equally sure ones go
+/// together.
 fn accept_in_company(team: &[usize], sound: &[f64], params: &GcmParams, verdicts: &mut [Verdict]) {
     // what differs by rounding alone, as two votes of equal weight do
     const EQUAL: f64 = 1e-6;

@@ -133,9 +133,9 @@ impl Harbor {
         Self { robots: neighbors + 1, meetings, ..Self::default() }
     }
 
-    /// Where closures outvote groups: to robot 1 three good closures in one group and six of a group 2 m off, eight good
-    /// ones to robot 2, drift a tenth of the nominal, priors of `prior_sigma`. One vote stands against one, the prior is the
-    /// only judge.
+    /// Where closures outvote groups: to robot 1 three good closures in one group and six of a group 2 m off, eight
+    /// good ones to robot 2, drift a tenth of the nominal, priors of `prior_sigma`. One vote stands against one, the
+    /// prior is the only judge.
     pub fn fixed_regression(prior_sigma: f64) -> Self {
         let group = |n, biased| Some((n, biased));
         Self {

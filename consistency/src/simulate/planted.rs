@@ -26,8 +26,8 @@ impl Default for Planted {
     }
 }
 
-/// Two robots with planted true closures, random outliers, and runs of perceptually aliased ones: what place recognition
-/// brings when one corridor looks like another.
+/// Two robots with planted true closures, random outliers, and runs of perceptually aliased ones: what place
+/// recognition brings when one corridor looks like another.
 ///
 /// An aliased closure has a right measurement to the wrong pose: the place seen looks as if it was the one `d` poses
 /// further on. All closures of a run share `d`, so they agree with each other as far as the two places have the same
