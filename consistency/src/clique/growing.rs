@@ -385,7 +385,7 @@ mod tests {
 
     #[test]
     fn weighed_inserts_into_thousands_nearly_all_joined_keep_their_budget() {
-        const N: usize = 4_400;
+        const N: usize = 3_000;
         let rng = &mut rand_chacha::ChaCha8Rng::seed_from_u64(2);
         let mut graph = Graph::new(N).unwrap();
         for v in 0..N {
