@@ -27,7 +27,8 @@ pub trait CustomFactor<G, const N: usize>: Debug + Send + Sync {
     fn jacobian(&self, poses: &[G], which: usize, jacobian: &mut [f64]);
 
     /// Adds the Gauss-Newton model of `½|r|²` at `poses`, if the factor knows a shorter way to it than through its
-    /// Jacobians, and returns whether it does. Default: no.
+    /// Jacobians, and returns whether it does; if not, it leaves `model` as it is. The cost is still that of
+    /// [`CustomFactor::residual`]. Default: no.
     fn add_model(&self, poses: &[G], model: &mut FactorModel<N>) -> bool {
         let _ = (poses, model);
         false

@@ -40,7 +40,7 @@ pub struct ObjectEntry {
 }
 
 /// Persistent cells of the sender's map.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CellMap {
     /// Edge of a cell, metres; sent in centimetres.
     pub size: f64,

@@ -16,7 +16,7 @@ struct Fit {
     mode: MapMode,
     /// The middle of the partner's map, metres.
     middle: Point2<f64>,
-    /// Whether both maps have grown since the attempt before.
+    /// Whether both maps have grown since the last fit for which both had.
     both_grown: bool,
 }
 
@@ -25,25 +25,29 @@ struct Fit {
 struct Pace {
     /// Keyframes of it, from the first.
     own: usize,
-    /// Whether both maps have grown since the attempt before.
+    /// Whether both maps have grown since the last attempt for which both had.
     both_grown: bool,
 }
 
 impl Robot {
-    /// Looks for the one clear way in which both maps fit, whenever the partner has sent a new version of its map: before
-    /// there is a hypothesis, to find one that lasts, and after, because small maps can fit clearly and wrongly.
+    /// Looks for the one clear way in which both maps fit, whenever the partner has sent a version of its map that has
+    /// grown: before there is a hypothesis, to find one that lasts, and after, because small maps can fit clearly and
+    /// wrongly.
     pub(super) fn align(&mut self, id: RobotId, partner: &mut Partner, now: f64) -> Result<(), Error> {
-        let most = match self.params.alignment.maps {
-            MapKind::Cells => self.params.alignment.min_streak,
-            // of objects no older version is kept
-            MapKind::Segments | MapKind::Objects => 1,
-        };
-        let versions = partner.maps.take_new_cells(most);
+        let own = self.local.poses().len();
+        // a hypothesis held is checked against all there is; of objects no older version is kept
+        let is_search = partner.hypothesis().is_none() && self.params.alignment.maps == MapKind::Cells;
+        let versions =
+            partner.maps.take_new_cells(if is_search { self.params.alignment.min_streak } else { 1 });
         let keyframes: Vec<u32> = versions.iter().map(|cells| cells.keyframes).collect();
-        let (known, interval) = (self.local.poses().len(), self.params.exchange.map_interval);
-        for (theirs, pace) in versions.iter().zip(paces(partner.compared, known, &keyframes, interval)) {
+        let paces = if is_search {
+            paces(partner.compared, own, &keyframes, self.params.exchange.map_interval)
+        } else {
+            whole(partner.compared, own, &keyframes, self.params.exchange.map_interval)
+        };
+        for (theirs, pace) in versions.iter().zip(paces) {
             if pace.both_grown {
-                partner.compared = (known, theirs.keyframes);
+                partner.compared = (own, theirs.keyframes);
             }
             self.attempt(id, partner, theirs, pace, now)?;
         }
@@ -150,38 +154,48 @@ impl Robot {
 /// How much of the own map each new version of a partner's is compared with.
 ///
 /// A fit is believed when it lasts while *both* maps grow: one that rests on what one map lacks lasts as long as that map
-/// stays as it is, however much the other one grows. So versions that come in a burst, after an outage, are each compared
-/// with what the own map had grown to when the version was made, as far as that can be told; and where the own map grows no
-/// more, with as many of its keyframes as the version has.
+/// stays as it is, however much the other one grows. So versions that come in one burst, after an outage, are compared
+/// with as much of what the own map has grown by meanwhile as each of them has of the partner's. An own map that does not
+/// keep step, because its robot has come to its end, is compared as far as it had come with as many keyframes as the
+/// version has.
 ///
 /// * `compared` – keyframes of both maps at the last attempt for which both had grown.
 /// * `own` – keyframes of the own map.
 /// * `versions` – keyframes of the partner's map, one version after the other.
 /// * `interval` – keyframes by which a map grows between two versions of it.
 fn paces(compared: (usize, u32), own: usize, versions: &[u32], interval: usize) -> Vec<Pace> {
-    let is_growing = own > compared.0;
     let last = versions.last().copied().unwrap_or(0);
-    // half an interval, since robots do not make their keyframes in step
-    let is_growth = |from: usize, to: usize| to >= from + interval.div_ceil(2);
-    let mut before = if is_growing { compared.0 } else { own.min(compared.1 as usize) };
-    let mut seen = compared.1;
+    let keeps_step = is_growth(compared.0, own, interval) && last > compared.1;
+    let mut before = (compared.0, compared.1 as usize);
     let mut paces = Vec::new();
-    for &theirs in versions {
-        let part = if is_growing && last > compared.1 {
-            let share = f64::from(theirs.saturating_sub(compared.1)) / f64::from(last - compared.1);
-            compared.0 + ((own - compared.0) as f64 * share).round() as usize
-        } else if is_growing {
-            own
+    for &version in versions {
+        let theirs = version as usize;
+        let (part, own_grown) = if keeps_step {
+            let share = f64::from(version.saturating_sub(compared.1)) / f64::from(last - compared.1);
+            let part = compared.0 + ((own - compared.0) as f64 * share.min(1.0)).round() as usize;
+            (part, is_growth(before.0, part, interval))
         } else {
-            own.min(theirs as usize)
+            (own.min(theirs), theirs < own)
         };
-        let both_grown = is_growth(before, part) && is_growth(seen as usize, theirs as usize);
+        let both_grown = own_grown && is_growth(before.1, theirs, interval);
         if both_grown {
-            (before, seen) = (part, theirs);
+            before = (part, theirs);
         }
-        paces.push(Pace { own: part.min(own), both_grown });
+        paces.push(Pace { own: part, both_grown });
     }
     paces
+}
+
+/// Each version against the whole own map.
+fn whole(compared: (usize, u32), own: usize, versions: &[u32], interval: usize) -> Vec<Pace> {
+    let own_grown = is_growth(compared.0, own, interval);
+    let grown = |theirs: &u32| own_grown && is_growth(compared.1 as usize, *theirs as usize, interval);
+    versions.iter().map(|theirs| Pace { own, both_grown: grown(theirs) }).collect()
+}
+
+/// Half an interval counts, since robots do not make their keyframes in step.
+fn is_growth(from: usize, to: usize, interval: usize) -> bool {
+    to >= from + interval.div_ceil(2)
 }
 
 #[cfg(test)]
@@ -203,12 +217,19 @@ mod tests {
     #[test]
     fn growth_of_one_map_alone_does_not_count() {
         assert_eq!(told((31, 30), 32, &[35]), [(32, false)]);
-        assert_eq!(told((31, 30), 61, &[30]), [(61, false)]);
-        assert_eq!(told((31, 30), 33, &[40, 50]), [(32, false), (33, false)]);
+        assert_eq!(told((31, 30), 61, &[30]), [(30, false)]);
+        assert_eq!(told((31, 30), 33, &[40, 50]), [(33, false), (33, false)]);
+        // no order to rely on in what comes over a link
+        assert_eq!(told((31, 39), 32, &[60, 40]), [(32, false), (32, false)]);
+        let pace = |own, both_grown| Pace { own, both_grown };
+        assert_eq!(whole((31, 30), 61, &[30, 40], 5), [pace(61, false), pace(61, true)]);
+        assert_eq!(whole((61, 30), 61, &[40], 5), [pace(61, false)]);
     }
 
     #[test]
     fn a_map_that_grows_no_more_is_compared_as_far_as_it_had_come() {
         assert_eq!(told((61, 50), 61, &[55, 60, 65, 70]), [(55, true), (60, true), (61, false), (61, false)]);
+        // its last keyframes came after the last attempt
+        assert_eq!(told((62, 40), 64, &[45, 50, 60]), [(45, true), (50, true), (60, true)]);
     }
 }

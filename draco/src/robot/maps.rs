@@ -78,8 +78,8 @@ impl SentMaps {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Mismatch;
 
-/// Versions of a partner's cells kept at most until they are compared with; of more, every second one goes.
-const MOST_VERSIONS: usize = 32;
+/// Versions of a partner's cells kept at most until they are compared with; of more, half of them, evenly spaced, stay.
+const MOST_VERSIONS: usize = 8;
 
 /// A partner's maps, put together from its updates.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -89,8 +89,8 @@ pub(crate) struct ReceivedMaps {
     cells: BTreeSet<(i32, i32)>,
     size: f64,
     keyframes: u32,
-    /// Versions of the cells, each with its number of keyframes, that have not been compared with yet.
-    new_cells: Vec<(u32, BTreeSet<(i32, i32)>)>,
+    /// Versions of the cells that have grown and have not been compared with yet.
+    new_cells: Vec<CellMap>,
     object_version: u32,
     objects: BTreeMap<u32, ObjectEntry>,
     /// Whether whole maps have been asked for and have not come yet.
@@ -100,21 +100,22 @@ pub(crate) struct ReceivedMaps {
 impl ReceivedMaps {
     /// The partner's cells, if there are any.
     pub(crate) fn cells(&self) -> Option<CellMap> {
-        (self.cell_version > 0).then(|| self.cell_map(self.keyframes, &self.cells))
+        let cells = self.cells.iter().map(|&(row, column)| [column, row]).collect();
+        (self.cell_version > 0).then_some(CellMap { size: self.size, keyframes: self.keyframes, cells })
     }
 
-    /// The versions of the partner's cells that have come since the last call, the newest one last; of more than `most`, as
-    /// many evenly spaced.
+    /// The versions of the partner's cells, each of more keyframes than the one before, that have come since the last
+    /// call, the newest one last; of more than `most`, as many evenly spaced.
     pub(crate) fn take_new_cells(&mut self, most: usize) -> Vec<CellMap> {
-        let new = std::mem::take(&mut self.new_cells);
-        let parts = most.clamp(1, new.len().max(1));
-        let chosen = (1..=parts).filter_map(|part| new.get((part * new.len() / parts).checked_sub(1)?));
-        chosen.map(|(keyframes, cells)| self.cell_map(*keyframes, cells)).collect()
-    }
-
-    fn cell_map(&self, keyframes: u32, cells: &BTreeSet<(i32, i32)>) -> CellMap {
-        let cells = cells.iter().map(|&(row, column)| [column, row]).collect();
-        CellMap { size: self.size, keyframes, cells }
+        let mut new = std::mem::take(&mut self.new_cells);
+        let (count, parts) = (new.len(), most.max(1).min(new.len()));
+        let chosen: BTreeSet<usize> = (1..=parts).map(|part| part * count / parts - 1).collect();
+        let mut index = 0;
+        new.retain(|_| {
+            index += 1;
+            chosen.contains(&(index - 1))
+        });
+        new
     }
 
     /// The partner's objects, ascending in number.
@@ -143,14 +144,14 @@ impl ReceivedMaps {
             self.cells.remove(&cell);
         }
         self.cells.extend(update.added.into_iter().map(swap));
+        // a map told again is no news to those who did not ask for it
+        let has_grown = update.keyframes > self.keyframes;
         (self.cell_version, self.size, self.keyframes) = (update.version, update.size, update.keyframes);
-        self.new_cells.push((self.keyframes, self.cells.clone()));
+        if has_grown {
+            self.new_cells.extend(self.cells());
+        }
         if self.new_cells.len() > MOST_VERSIONS {
-            let mut index = 0;
-            self.new_cells.retain(|_| {
-                index += 1;
-                index % 2 == 1
-            });
+            self.new_cells = self.take_new_cells(MOST_VERSIONS / 2);
         }
         Ok(())
     }
@@ -209,6 +210,30 @@ mod tests {
                 prop_assert_eq!(&there, cells);
             }
         }
+    }
+
+    #[test]
+    fn new_versions_are_given_out_once_and_evenly() {
+        let told = |counts: &[u32], most| {
+            let (mut sent, mut received) = (SentMaps::default(), ReceivedMaps::default());
+            for &keyframes in counts {
+                let cells = (0..keyframes as i32).map(|k| [k, 0]).collect();
+                let update = sent.cell_update(&CellMap { size: 2.0, keyframes, cells });
+                received.take_cells(update).unwrap();
+            }
+            let new: Vec<u32> = received.take_new_cells(most).iter().map(|cells| cells.keyframes).collect();
+            assert_eq!(received.take_new_cells(most), []);
+            new
+        };
+        assert_eq!(told(&[5, 10, 15, 20, 25, 30], 3), [10, 20, 30]);
+        assert_eq!(told(&[5, 10, 15], 0), [15]);
+        assert_eq!(told(&[5, 10], 3), [5, 10]);
+        // the same map once more
+        assert_eq!(told(&[5, 10, 10], 3), [5, 10]);
+        // more than are kept
+        let long: Vec<u32> = (1..=100).collect();
+        let kept = told(&long, 100);
+        assert!(kept.len() <= MOST_VERSIONS && kept.last() == Some(&100), "{kept:?}");
     }
 
     #[test]

@@ -68,8 +68,8 @@ pub struct RobotParams {
 /// When things are sent.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExchangeParams {
-    /// Keyframes between two cell maps sent, and between two attempts to align maps. Default 5: alignment gains little from
-    /// one keyframe more.
+    /// Keyframes between two cell maps sent; by half as many both maps have to have grown from one attempt to align them to
+    /// the next. Default 5: alignment gains little from one keyframe more.
     pub map_interval: usize,
     /// Keyframes between two updates of the object map. Default 1: an update tells only what has changed, and with fewer of
     /// them partners match older maps (`experiment traffic`).
