@@ -36,6 +36,9 @@ const UNKNOWN: f64 = 1e-6;
 /// Share of the largest entry that is added to that, so that rounding does not make such a direction negative.
 const ROUNDING: f64 = 1e-10;
 
+/// A step is looked for at least this many standard deviations of odometry to each side in heading.
+const HEADING_SIGMAS: f64 = 3.0;
+
 /// What a factor of the robot's own graph comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FactorKind {
@@ -97,6 +100,8 @@ pub struct LocalSlam {
     bias: f64,
     /// Standard deviation of a step of odometry, as calibrated so far, metres.
     sigma: f64,
+    /// The same in heading, radians.
+    sigma_angle: f64,
     /// Standard deviation of what the matches' headings are off by beyond what they tell, as calibrated so far, radians.
     turn: f64,
 }
@@ -106,6 +111,7 @@ impl LocalSlam {
     pub fn new(params: LocalSlamParams) -> Self {
         Self {
             sigma: params.odometry_sigma,
+            sigma_angle: params.odometry_sigma_angle,
             params,
             keyframes: Vec::new(),
             poses: Vec::new(),
@@ -183,7 +189,7 @@ impl LocalSlam {
 
     /// Covariance of a step by odometry, in the frame of the later keyframe.
     fn odometry_covariance(&self) -> Matrix3<f64> {
-        noise::covariance(self.sigma, self.params.odometry_sigma_angle)
+        noise::covariance(self.sigma, self.sigma_angle)
     }
 
     /// Matches keyframe `k` with the window before it. Returns whether it worked, and the score.
@@ -197,10 +203,12 @@ impl LocalSlam {
             return Ok((false, 0.0));
         }
         let start = self.predicted(&self.steps[k - 1]);
-        let prior = noise::covariance(self.params.odometry_sigma, self.params.odometry_sigma_angle);
+        let prior = noise::covariance(self.params.odometry_sigma, self.sigma_angle);
         let start = Start { target_from_source: start, covariance: Some(prior) };
         let locate = |params: &CorrelativeParams| {
-            Target::for_source(&target, params, source, &start.target_from_source)?.locate(source, &start)
+            let angle = params.angle.max(HEADING_SIGMAS * self.sigma_angle);
+            let params = CorrelativeParams { angle, ..*params };
+            Target::for_source(&target, &params, source, &start.target_from_source)?.locate(source, &start)
         };
         let found = locate(&self.params.step)?;
         if found.score < self.params.step_min_score {
@@ -274,7 +282,8 @@ impl LocalSlam {
             self.bias = calibration.rotation.angle();
         }
         self.calibrate_noise();
-        self.calibrate_headings();
+        self.calibrate_turn();
+        self.calibrate_odometry_heading();
         Ok(())
     }
 
@@ -304,6 +313,11 @@ impl LocalSlam {
     /// Standard deviation of a step of odometry along each axis, as calibrated so far, metres.
     pub fn odometry_sigma(&self) -> f64 {
         self.sigma
+    }
+
+    /// Standard deviation of the heading of a step of odometry, as calibrated so far, radians.
+    pub fn odometry_sigma_angle(&self) -> f64 {
+        self.sigma_angle
     }
 
     /// Standard deviation of what the matches' headings are off by beyond what they tell, as calibrated so far, radians.

@@ -2,9 +2,10 @@
 //! been matched.
 
 use draco_lie::LieGroup;
-use nalgebra::{Isometry2, Matrix3, Vector3};
+use nalgebra::{Isometry2, Matrix3, UnitComplex, Vector3};
 
 use super::LocalSlam;
+use super::loops::OwnClosure;
 use super::step::ScanFactor;
 
 /// Degrees of freedom of the distribution of a match around odometry: few, since some matches are wrong.
@@ -22,6 +23,22 @@ const TRIED: i32 = 30;
 const LARGEST_TURN: f64 = 3.0;
 const TURNS: i32 = 30;
 
+/// Noises of odometry's headings tried: what it is told to be, and each this much larger than the one before.
+const ANGLE_RATIO: f64 = 1.25;
+const ANGLES: i32 = 9;
+
+/// Share of a span's likelihood that counts: each step lies in as many.
+const SPAN_SHARE: f64 = 0.1;
+
+/// A submap registered with one a few steps before.
+struct Span {
+    steps: f64,
+    /// What the registration tells of its heading's variance.
+    variance: f64,
+    /// How far it is turned from what odometry tells, radians.
+    off: f64,
+}
+
 /// Covariance of a pose known to `sigma` metres along both axes and `angle` radians.
 pub(super) fn covariance(sigma: f64, angle: f64) -> Matrix3<f64> {
     Matrix3::from_diagonal(&Vector3::new(sigma * sigma, sigma * sigma, angle * angle))
@@ -35,7 +52,7 @@ impl LocalSlam {
         let params = &self.params;
         let pairs = self.matched();
         let log_posterior = |sigma: f64| {
-            let noise = covariance(sigma, params.odometry_sigma_angle);
+            let noise = covariance(sigma, self.sigma_angle);
             let likelihood: f64 =
                 pairs.iter().map(|(odometry, scan)| log_likelihood(odometry, scan, &noise)).sum();
             let off = (sigma / params.odometry_sigma).ln() / params.odometry_spread;
@@ -46,12 +63,51 @@ impl LocalSlam {
         self.sigma = best.map_or(params.odometry_sigma, |(_, sigma)| sigma);
     }
 
+    /// Sets the standard deviation of a step's heading by odometry to the likeliest by the registrations of submaps with those
+    /// a few steps before, at least the default.
+    ///
+    /// A step tells only how far odometry and match differ, and [`LocalSlam::calibrate_turn`] takes that for the match's as far as
+    /// the instrument is as good as told. Whether it is, submaps tell that are registered with each other over several steps:
+    /// they owe nothing to the odometry between.
+    pub(super) fn calibrate_odometry_heading(&mut self) {
+        let told = self.params.odometry_sigma_angle;
+        let spans = self.spans();
+        let log_posterior = |sigma: f64| {
+            let likelihood = |span: &Span| {
+                let variance = span.variance + self.turn * self.turn + span.steps * sigma * sigma;
+                -0.5 * variance.ln() + log_student(span.off * span.off / variance, 1.0)
+            };
+            let off = (sigma / told).ln() / self.params.odometry_spread;
+            SPAN_SHARE * spans.iter().map(likelihood).sum::<f64>() - 0.5 * off * off
+        };
+        let tried = (0..ANGLES).map(|k| told * ANGLE_RATIO.powi(k));
+        let best = tried
+            .map(|sigma| (log_posterior(sigma), sigma))
+            .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));
+        self.sigma_angle = best.map_or(told, |(_, sigma)| sigma);
+    }
+
+    /// The closures over a few steps, against what lies between by odometry.
+    fn spans(&self) -> Vec<Span> {
+        let longest = self.params.loops.submaps_before * (2 * self.params.loops.source_half + 1);
+        let span = |closure: &OwnClosure| {
+            let between = self.steps.get(closure.target..closure.source)?;
+            let turned: f64 = between.iter().map(|step| self.predicted(step).rotation.angle()).sum();
+            (between.len() <= longest).then(|| Span {
+                steps: between.len() as f64,
+                variance: closure.covariance[(2, 2)],
+                off: (closure.measured.rotation * UnitComplex::new(-turned)).angle(),
+            })
+        };
+        self.closures.iter().filter_map(span).collect()
+    }
+
     /// Sets what the matches' headings are off by beyond what they tell to the likeliest.
     ///
     /// The heading of odometry comes from an instrument whose noise is known, so what matches differ from it by more than
     /// both tell is the matches' own: streaks that lie across one another, a map that is bent. Odometry's noise is never
     /// taken down here, for where the two agree nobody can tell which is the better one.
-    pub(super) fn calibrate_headings(&mut self) {
+    pub(super) fn calibrate_turn(&mut self) {
         let told = self.params.odometry_sigma_angle;
         // how far each match is turned from odometry, and the variance that both tell of that
         let turned: Vec<(f64, f64)> = self
@@ -149,7 +205,7 @@ mod tests {
                 let wrong = if k % 10 == 9 { 0.3 } else { 0.0 };
                 Vector3::new(0.1 * draw(), 0.1 * draw(), sigma * draw() + wrong)
             });
-            slam.calibrate_headings();
+            slam.calibrate_turn();
             slam.match_sigma_angle()
         };
         // odometry 0.015 and the matches 0.005 rad, as told
@@ -157,6 +213,44 @@ mod tests {
         for extra in [0.02f64, 0.03] {
             let found = turn(extra.hypot(0.0158));
             assert!((0.75 * extra..1.35 * extra).contains(&found), "{found} for {extra}");
+        }
+    }
+
+    /// Closures of each keyframe with those 5 and 10 before, right to 0.005 rad, for odometry off by `sigma` radians.
+    fn heading_found(sigma: f64) -> f64 {
+        let mut slam = matched(0, |_, _| Vector3::zeros());
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let noise = Normal::new(0.0, 1.0).unwrap();
+        let mut off = vec![0.0];
+        for k in 0..60 {
+            off.push(off[k] + sigma * noise.sample(&mut rng));
+            slam.steps.push(Step { odometry: Isometry2::translation(3.0, 0.0), scan: None });
+            for steps in [5, 10] {
+                if let Some(target) = (k + 1).checked_sub(steps) {
+                    // each tenth is wrong
+                    let wrong = if k % 10 == 9 { 0.5 } else { 0.0 };
+                    let turned = off[k + 1] - off[target] + 0.005 * noise.sample(&mut rng) + wrong;
+                    slam.closures.push(OwnClosure {
+                        source: k + 1,
+                        target,
+                        measured: Isometry2::new([3.0 * steps as f64, 0.0].into(), turned),
+                        covariance: covariance(0.2, 0.005),
+                        accepted: false,
+                    });
+                }
+            }
+        }
+        slam.calibrate_odometry_heading();
+        slam.odometry_sigma_angle()
+    }
+
+    #[test]
+    fn odometry_whose_heading_is_worse_than_told_is_found_and_honest_odometry_left() {
+        assert_eq!(heading_found(0.005), 0.015);
+        assert!(heading_found(0.015) < 0.02, "{}", heading_found(0.015));
+        for sigma in [0.03, 0.06] {
+            let found = heading_found(sigma);
+            assert!((0.7 * sigma..1.4 * sigma).contains(&found), "{found} for {sigma}");
         }
     }
 

@@ -20,17 +20,19 @@ pub struct LocalSlamParams {
     /// matches are looked for with it, and the calibration takes it down as far as the matches agree with odometry, never
     /// up. Default 0.6 m: a fifth of a step, what commanded velocity under current gives.
     pub odometry_sigma: f64,
-    /// Standard deviation of the logarithm of the calibrated one around that. Default 0.7, a factor of two, so that some
-    /// ten matches outweigh it.
+    /// Standard deviation of the logarithm of the calibrated one around that, in position and in heading. Default 0.7, a
+    /// factor of two, so that some ten matches outweigh it.
     pub odometry_spread: f64,
-    /// The same in heading, radians. Default 0.015 rad, a compass-aided gyro over some twenty seconds.
+    /// The same in heading, radians. Default 0.015 rad, a compass-aided gyro over some twenty seconds. The calibration takes it
+    /// up, never down, where submaps registered over a few steps tell of worse odometry: that of wheels, say.
     pub odometry_sigma_angle: f64,
     /// Standard deviation of the unknown factor by which odometry misjudges lengths; its mean is 1. Default 0.15.
     pub scale_sigma: f64,
     /// Standard deviation of an unknown constant error of the odometry's heading, radians a keyframe. Default 0.003: ten
     /// degrees over 60 keyframes, a gyro whose bias has been taken off at the start.
     pub bias_sigma: f64,
-    /// Matching of one scan with the window; its score tells whether to believe the match. Its radius is 5 σ of a step.
+    /// Matching of one scan with the window; its score tells whether to believe the match. Its radius is 5 σ of a step; its
+    /// angle grows with what the calibration makes of odometry's heading.
     pub step: CorrelativeParams,
     /// Second, finer matching, also from odometry: it tells the pose and its covariance. Default the window of `step` with the
     /// kernel and the lattice of [`ClosureParams::refinement`](crate::closure::ClosureParams::refinement).
