@@ -303,7 +303,7 @@ impl<'a> Team<'a> {
     }
 
     /// The robot whose view of the team is reported: of those that see most robots the one with the lowest number.
-    fn reference(&self) -> Option<&Robot> {
+    pub(crate) fn reference(&self) -> Option<&Robot> {
         let seen = |robot: &Robot| robot.team().robots().count();
         self.robots
             .iter()

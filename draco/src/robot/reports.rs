@@ -1,5 +1,7 @@
 //! What a robot tells about itself after a mission.
 
+use std::time::Instant;
+
 use draco_pgo::Key;
 use draco_pgo::io::g2o;
 
@@ -10,7 +12,7 @@ use crate::error::Error;
 use crate::keyframe::RobotId;
 use crate::report::{ClosureReport, KeyframeRef, Matched, ObjectReport};
 use crate::robot_graph::RobotGraph;
-use crate::two_step::TeamProblem;
+use crate::two_step::{Optimisation, TeamProblem};
 
 /// What a robot has of another one; within an epoch all of it only grows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,6 +125,17 @@ impl Robot {
             graph.set_pose(key, pose)?;
         }
         Ok(with_small_ids(&g2o::to_text(&graph)?))
+    }
+
+    /// Seconds that estimating the team anew takes.
+    ///
+    /// # Errors
+    /// Those of the graph and of the solver.
+    pub(crate) fn time_of(&self, optimisation: Optimisation) -> Result<f64, Error> {
+        let own = RobotGraph::from_map(self.own_factors()?, self.local.poses().to_vec());
+        let begin = Instant::now();
+        self.team_problem(&own).solve(optimisation)?;
+        Ok(begin.elapsed().as_secs_f64())
     }
 
     pub(super) fn team_problem<'a>(&'a self, own: &'a RobotGraph) -> TeamProblem<'a> {
