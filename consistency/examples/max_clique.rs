@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Parser, ValueEnum};
 use cpu_time::ProcessTime;
 use draco_consistency::clique::{self, Budget};
-use draco_consistency::graph::{Adjacency, Graph, SparseGraph, read_dimacs, read_matrix_market};
+use draco_consistency::graph::{Adjacency, FileGraph, Graph, read_dimacs_smaller, read_matrix_market};
 use serde_json::json;
 
 /// Largest or heaviest clique of DIMACS `.clq` and MatrixMarket `.mtx` files, as JSON lines.
@@ -71,26 +71,35 @@ fn in_threads<T>(threads: usize, work: impl FnOnce() -> T) -> Result<T> {
     Ok(work())
 }
 
-fn read(path: &std::path::Path) -> Result<SparseGraph> {
+fn read(path: &std::path::Path) -> Result<FileGraph> {
     match path.extension().and_then(|e| e.to_str()) {
-        Some("clq") => Ok(read_dimacs(path)?),
-        Some("mtx") => Ok(read_matrix_market(path)?),
+        Some("clq") => Ok(read_dimacs_smaller(path)?),
+        Some("mtx") => Ok(FileGraph::Sparse(read_matrix_market(path)?)),
         _ => bail!("neither .clq nor .mtx"),
     }
 }
 
 fn solve(path: &std::path::Path, weights: Option<Weights>, budget: &Budget) -> Result<serde_json::Value> {
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
-    let mut graph = read(path)?;
-    if weights.is_some() {
-        let weights: Vec<f64> = (1..=graph.len()).map(|i| (i % 200 + 1) as f64).collect();
-        graph = graph.with_weights(&weights)?;
-    }
-    // Bit rows pay off as soon as the graph is not very sparse.
-    if graph.len() <= 4096 {
-        report(path, &Graph::from_sparse(&graph)?, weights, budget, wall, cpu)
-    } else {
-        report(path, &graph, weights, budget, wall, cpu)
+    let graph = match read(path)? {
+        // Bit rows pay off as soon as the graph is not very sparse.
+        FileGraph::Sparse(graph) if graph.len() <= 4096 => FileGraph::Dense(Graph::from_sparse(&graph)?),
+        graph => graph,
+    };
+    let mod200 = |n: usize| weights.map(|_| (1..=n).map(|i| (i % 200 + 1) as f64).collect::<Vec<_>>());
+    match graph {
+        FileGraph::Dense(mut graph) => {
+            if let Some(given) = mod200(graph.len()) {
+                graph = graph.with_weights(&given)?;
+            }
+            report(path, &graph, weights, budget, wall, cpu)
+        }
+        FileGraph::Sparse(mut graph) => {
+            if let Some(given) = mod200(graph.len()) {
+                graph = graph.with_weights(&given)?;
+            }
+            report(path, &graph, weights, budget, wall, cpu)
+        }
     }
 }
 

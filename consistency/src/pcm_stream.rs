@@ -69,8 +69,6 @@ impl<G: Pose<N>, const N: usize> Pcm<G, N> {
     pub fn insert(&mut self, closure: &Closure<G, N>) -> Result<Change, Error> {
         let index = self.closures.len();
         closure.check(index)?;
-        self.trajectories.of(index, closure.source)?;
-        self.trajectories.of(index, closure.target)?;
         let end = End::new(&self.trajectories, index, closure)?;
         let robots = closure.robots();
         let budget = self.params.budget;
@@ -122,7 +120,16 @@ impl<G: Pose<N>, const N: usize> Pcm<G, N> {
 
 /// What of `all` is not among `others`; both ascend.
 fn without(all: &[usize], others: &[usize]) -> Vec<usize> {
-    all.iter().filter(|c| others.binary_search(c).is_err()).copied().collect()
+    let mut others = others;
+    let is_missing = |c: &&usize| {
+        while let [first, rest @ ..] = others
+            && first < c
+        {
+            others = rest;
+        }
+        others.first() != Some(*c)
+    };
+    all.iter().filter(is_missing).copied().collect()
 }
 
 impl<G, const N: usize> PairSet<G, N> {
@@ -140,5 +147,41 @@ impl<G, const N: usize> PairSet<G, N> {
     /// Closures of vertices, both ascending.
     fn names(&self, vertices: &[usize]) -> Vec<usize> {
         vertices.iter().map(|&v| self.members[v]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use nalgebra::Isometry2;
+    use rand::SeedableRng;
+    use rand::seq::SliceRandom;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::simulate::{Planted, planted};
+
+    #[test]
+    fn what_is_missing_of_ascending_numbers() {
+        assert_eq!(without(&[1, 3, 4, 7, 9], &[0, 3, 5, 6, 7, 8]), [1, 4, 9]);
+        assert_eq!(without(&[2, 5], &[]), [2, 5]);
+        assert!(without(&[], &[1]).is_empty() && without(&[2, 5], &[2, 5]).is_empty());
+    }
+
+    #[test]
+    fn changes_add_up_to_what_is_accepted() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(2);
+        let mut team = planted::<3, Isometry2<f64>>(&Planted::default(), rng).unwrap();
+        team.closures.shuffle(rng);
+        let mut stream = Pcm::new(team.trajectories, PcmParams::default()).unwrap();
+        let mut told = BTreeSet::new();
+        for closure in &team.closures {
+            let change = stream.insert(closure).unwrap();
+            assert!(change.withdrawn.iter().all(|c| told.remove(c)));
+            assert!(change.accepted.iter().all(|&c| told.insert(c)));
+            assert_eq!(stream.selection().accepted, told.iter().copied().collect::<Vec<_>>());
+        }
+        assert!(!told.is_empty());
     }
 }

@@ -152,13 +152,21 @@ impl<G: Pose<N>, const N: usize> Trajectory<G, N> {
         Some(self.drift_covariance(k, k)? + self.drift_covariance(l, l)? - cross - cross.transpose())
     }
 
+    /// Trace of the rotation's part of the drift up to a pose, radians², where that of [`Trajectory::drift_between`] is
+    /// the difference of two.
+    pub(crate) fn turn_up_to(&self, k: usize) -> Option<f64> {
+        match &self.drift {
+            Drift::Chain(accumulated) => {
+                accumulated.get(k).map(|sum| (G::TRANSLATION..N).map(|row| sum[(row, row)]).sum())
+            }
+            Drift::Joint { .. } => None,
+        }
+    }
+
     /// Trace of the rotation's part of [`Trajectory::drift_between`], radians².
     pub(crate) fn turn_between(&self, k: usize, l: usize) -> Option<f64> {
-        let trace = |c: &SMatrix<f64, N, N>| (G::TRANSLATION..N).map(|row| c[(row, row)]).sum::<f64>();
-        if let Drift::Chain(accumulated) = &self.drift {
-            return Some(trace(accumulated.get(k.max(l))?) - trace(accumulated.get(k.min(l))?));
-        }
-        Some(trace(&self.drift_between(k, l)?))
+        let drift = self.drift_between(k, l)?;
+        Some((G::TRANSLATION..N).map(|row| drift[(row, row)]).sum())
     }
 
     /// Covariance of the relative pose `X_k⁻¹ · X_l`, in the frame of `X_l`'s body, `[translation, rotation]`.

@@ -4,14 +4,12 @@ use super::budget::Meter;
 use super::cover::Cover;
 use super::fractional;
 use super::incumbent::{Incumbent, START};
-use super::order::{DENSE, density, order_among};
+use super::order::{DENSE, density};
 use super::penalties;
-use super::rows::{
-    Set, and, and_not, closed, complement, count, drop, first, full, is_empty, members, put, with_width,
-};
-use super::search::{self, Problem, Rival, Within};
+use super::rows::{Set, and, and_not, closed, complement, drop, first, full, members, put, with_width};
+use super::search::{self, Problem, Rival};
 use super::threads;
-use crate::graph::{Adjacency, bit_matrix::BitMatrix};
+use crate::graph::Adjacency;
 
 /// A clique heavier than `lower`: the heaviest, or one of at least `enough`; or `None`.
 ///
@@ -27,15 +25,29 @@ fn search_wide<const W: usize>(
     enough: u64,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let split = Split::<W>::new(problem, lower, enough);
-    let scratch = || Cover::new(problem.counted);
-    let (mut cover, begun) = (scratch(), meter.nodes);
-    // Parts become larger and larger. One after the other, until it is clear whether the search is long.
-    let (early, mut found) = (split.parts.len() / EARLY, Vec::new());
-    while found.len() < early && meter.nodes < begun + MANY_NODES && !meter.stopped {
-        found.push(split.run(found.len(), &mut cover, meter));
+    let mut split = Split::<W>::new(problem, lower, enough);
+    let mut found = Vec::new();
+    // Each part holds the cliques whose last vertex is its own. In an order that has nothing to do with it, that of a
+    // clique a little larger than the known one is in the last of so many shares: those first, as long as they are
+    // little work.
+    let easy = problem.counted && density(problem.matrix) <= EASY;
+    let parts = split.parts.len();
+    let late = if easy { parts / (lower as usize + 1) } else { 0 };
+    split.parts.reverse();
+    split.parts[late..].reverse();
+    let begun = meter.nodes;
+    while found.len() < late && meter.nodes < begun + MANY_NODES && !meter.stopped {
+        found.push(split.run(found.len(), meter));
     }
-    let (mut hint, mut left) = (None, split.parts.len() - found.len());
+    // The others become larger and larger. One after the other, until it is clear whether the search is long.
+    let left_over = late - found.len();
+    split.parts[found.len()..].rotate_left(left_over);
+    split.parts[parts - left_over..].reverse();
+    let (early, begun) = (found.len() + (parts - late) / EARLY, meter.nodes);
+    while found.len() < early && meter.nodes < begun + MANY_NODES && !meter.stopped {
+        found.push(split.run(found.len(), meter));
+    }
+    let (mut hint, mut left) = (None, parts - found.len());
     if problem.counted && found.len() < early && !meter.stopped {
         let upper = fractional::bound(&split.adjacent) as u64;
         let is_known = || split.incumbent.get().0 >= upper;
@@ -47,9 +59,7 @@ fn search_wide<const W: usize>(
         }
     }
     let first = found.len();
-    found.extend(threads::run_all(left, meter, scratch, |index, cover, meter| {
-        split.run(first + index, cover, meter)
-    }));
+    found.extend(threads::run_all(left, meter, || (), |index, (), meter| split.run(first + index, meter)));
     let (weight, index) = split.incumbent.get();
     if index == START {
         return hint;
@@ -80,7 +90,7 @@ struct Split<'a, const W: usize> {
     parts: Vec<Part<W>>,
     incumbent: Incumbent,
     enough: u64,
-    /// Vertices to branch on up to which a part is not worth rows of its own.
+    /// Vertices to branch on up to which a part is not worth an order of its own.
     few: u32,
 }
 
@@ -99,7 +109,6 @@ impl<'a, const W: usize> Split<'a, W> {
         let few = match (problem.counted, density(problem.matrix) > DENSE) {
             (false, _) => 0,
             (true, true) => FEW,
-            (true, false) if W <= NARROW => u32::MAX,
             (true, false) => 3 * FEW,
         };
         Self { problem, adjacent, parts, incumbent: Incumbent::new(lower), enough, few }
@@ -115,7 +124,7 @@ impl<'a, const W: usize> Split<'a, W> {
     }
 
     /// A clique of a part heavier than all known ones, if it is searched to its end its heaviest.
-    fn run(&self, index: usize, cover: &mut Cover<W>, meter: &mut Meter) -> Option<Vec<usize>> {
+    fn run(&self, index: usize, meter: &mut Meter) -> Option<Vec<usize>> {
         let part = &self.parts[index];
         let fixed = self.problem.weights[part.vertex];
         let rival = Rival { incumbent: &self.incumbent, index: index as u32, fixed };
@@ -127,27 +136,12 @@ impl<'a, const W: usize> Split<'a, W> {
         if alone.is_some() {
             self.incumbent.offer(fixed, rival.index);
         }
-        // Most parts end here, before an order of their own is worth its cost.
         let rest = known.saturating_sub(fixed);
-        let branching = cover.branching(&self.adjacent, self.problem.weights, part.around, rest);
-        if is_empty(&branching) {
-            return alone;
-        }
-        let enough = self.enough.saturating_sub(fixed);
-        let found = if count(&branching) <= self.few {
-            self.within().search(part.around, rest, enough, Some(rival), cover, meter)
-        } else {
-            self.search(part, rest, enough, Some(rival), meter)
-        };
+        let found = self.search(part, rest, self.enough.saturating_sub(fixed), Some(rival), meter);
         found.map(|found| found.into_iter().chain([part.vertex]).collect()).or(alone)
     }
 
-    fn within(&self) -> Within<'_, W> {
-        let Problem { weights, counted, .. } = self.problem;
-        Within { adjacent: &self.adjacent, weights, counted }
-    }
-
-    /// Searches the graph around the vertex of a part in an order of its own.
+    /// Searches the graph around the vertex of a part in rows of its own, which are shorter.
     fn search(
         &self,
         part: &Part<W>,
@@ -156,23 +150,14 @@ impl<'a, const W: usize> Split<'a, W> {
         rival: Option<Rival<'_>>,
         meter: &mut Meter,
     ) -> Option<Vec<usize>> {
-        // Where few vertices are joined parts are small work, and the order of the whole graph will do.
-        let near = |v: usize| count(&and(&part.around, &self.adjacent[v])) - 1;
-        let size = f64::from(count(&part.around));
-        let ends: u32 = members(part.around).map(near).sum();
-        let Problem { weights, counted, .. } = self.problem;
-        let vertices = if !counted || f64::from(ends) > DENSE * size * size {
-            order_among(&self.adjacent, part.around, weights, lower)
-        } else {
-            members(part.around).collect()
-        };
-        let matrix = BitMatrix::gather(64 * W, &vertices, |v| &self.adjacent[v]);
-        let weights: Vec<u64> = vertices.iter().map(|&v| weights[v]).collect();
-        if weights.iter().sum::<u64>() <= lower {
+        let Problem { matrix, weights, counted } = self.problem;
+        let vertices: Vec<usize> = members(part.around).collect();
+        if counted && vertices.len() as u64 <= lower {
             return None;
         }
-        let problem = Problem { matrix: &matrix, weights: &weights, counted };
-        let found = search::search(problem, lower, enough, rival, meter)?;
+        let weights: Vec<u64> = vertices.iter().map(|&v| weights[v]).collect();
+        let problem = Problem { matrix: &matrix.select(&vertices), weights: &weights, counted };
+        let found = search::search(problem, (lower, enough), self.few, rival, meter)?;
         Some(found.into_iter().map(|v| vertices[v]).collect())
     }
 }
@@ -181,13 +166,13 @@ impl<'a, const W: usize> Split<'a, W> {
 const MANY_NODES: u64 = 20_000;
 const EARLY: usize = 3;
 
+/// Density up to which one part is little work, even a large one.
+const EASY: f64 = 2.0 / 3.0;
+
 /// Steps of the search for a better start of a long search: about a second, where the search is more than five.
 const HINT_STEPS: u64 = 1_000_000;
 
-/// Words of rows that one instruction handles, so that shorter rows would be no faster.
-const NARROW: usize = 4;
-
-/// Vertices to branch on up to which a part is not worth rows and an order of its own; three times as many where few
+/// Vertices to branch on up to which a part is not worth an order of its own; three times as many where few
 /// vertices are joined, since each of them is less work.
 const FEW: u32 = 16;
 
@@ -210,8 +195,7 @@ mod tests {
         let hint = split.hint(&mut Meter::unlimited()).unwrap();
         assert!(graph.is_clique(&hint));
         assert_eq!((hint.len() as u64, split.incumbent.get()), (best, (best, START)));
-        let cover = &mut Cover::new(true);
-        let found = (0..split.parts.len()).filter_map(|i| split.run(i, cover, &mut Meter::unlimited()));
+        let found = (0..split.parts.len()).filter_map(|i| split.run(i, &mut Meter::unlimited()));
         assert_eq!(found.count(), 0);
         assert_eq!(Split::<1>::new(problem, best, 60).hint(&mut Meter::unlimited()), None);
     }

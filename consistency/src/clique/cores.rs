@@ -1,6 +1,6 @@
 //! Unit propagation over stable sets: which of them can no clique through a vertex meet all?
 
-use super::rows::{Set, and, drop, first, is_empty, is_single};
+use super::rows::{Set, and, drop, empty, is_empty, is_single};
 
 /// Scratch of [`Cores::find`].
 ///
@@ -16,6 +16,9 @@ pub(super) struct Cores<const W: usize> {
     near: Vec<Set<W>>,
     /// Vertices in the clique, in the order they were forced; the first is `v` itself.
     steps: Vec<Step>,
+    /// Sets looked at, and steps taken.
+    live: usize,
+    taken: usize,
     needed: Vec<bool>,
     /// The sets of the last core, in no order, each once.
     pub(super) core: Vec<usize>,
@@ -37,38 +40,49 @@ pub(super) enum Fit {
 
 impl<const W: usize> Cores<W> {
     pub(super) fn new() -> Self {
-        Self { near: Vec::new(), steps: Vec::new(), needed: Vec::new(), core: Vec::new() }
+        Self { near: Vec::new(), steps: Vec::new(), live: 0, taken: 0, needed: Vec::new(), core: Vec::new() }
     }
 
     /// Puts `v` in and looks at each of `sets`. Rows hold their own vertex too.
     #[inline(always)]
     pub(super) fn start(&mut self, adjacent: &[Set<W>], sets: &[Set<W>], v: usize) -> Fit {
-        self.near.clear();
-        self.steps.clear();
-        self.steps.push(Step { vertex: v as u32, set: u32::MAX });
-        let row = &adjacent[v];
-        for (index, set) in sets.iter().enumerate() {
+        let n = sets.len();
+        if self.steps.len() <= n {
+            self.near.resize(n, empty());
+            self.steps.resize(n + 1, Step { vertex: 0, set: 0 });
+        }
+        self.live = n;
+        self.steps[0] = Step { vertex: v as u32, set: u32::MAX };
+        self.taken = 1;
+        let (row, near, steps) = (&adjacent[v], &mut self.near[..n], &mut self.steps[..=n]);
+        let mut taken = 1;
+        for (index, (set, near)) in sets.iter().zip(near).enumerate() {
             let left = and(set, row);
             if is_empty(&left) {
                 return Fit::Free(index);
             }
-            if is_single(&left) {
-                self.steps.extend(forced(&left, index));
+            *near = left;
+            if W <= 2 {
+                steps[taken] = Step { vertex: lowest(&left), set: index as u32 };
+                taken += usize::from(is_single(&left));
+            } else if is_single(&left) {
+                steps[taken] = Step { vertex: lowest(&left), set: index as u32 };
+                taken += 1;
             }
-            self.near.push(left);
         }
+        self.taken = taken;
         Fit::Joined
     }
 
     /// Sets with one member left after [`Cores::start`], with that member.
     #[inline(always)]
     pub(super) fn units(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.steps[1..].iter().map(|step| (step.set as usize, step.vertex as usize))
+        self.steps[1..self.taken].iter().map(|step| (step.set as usize, step.vertex as usize))
     }
 
     /// Words that were looked at since [`Cores::start`], at most.
     pub(super) fn work(&self) -> u64 {
-        (self.steps.len() * self.near.len() * W) as u64
+        (self.taken * self.live * W) as u64
     }
 
     /// Goes on from [`Cores::start`]: whether there is a core among `sets`.
@@ -78,11 +92,11 @@ impl<const W: usize> Cores<W> {
         self.core.clear();
         self.core.push(empty);
         self.needed.clear();
-        self.needed.resize(self.steps.len(), false);
-        self.explain(adjacent, sets[empty], self.steps.len());
+        self.needed.resize(self.taken, false);
+        self.explain(adjacent, sets[empty], self.taken);
         // A set forces one step at most, so none is met twice but `empty`, whose own step may stand for the reasons of
         // all its members but one.
-        for s in (1..self.steps.len()).rev() {
+        for s in (1..self.taken).rev() {
             if self.needed[s] {
                 let Step { vertex, set } = self.steps[s];
                 let mut gone = sets[set as usize];
@@ -99,25 +113,30 @@ impl<const W: usize> Cores<W> {
     /// Puts in what is forced; returns a set that runs empty.
     #[inline(always)]
     fn propagate(&mut self, adjacent: &[Set<W>]) -> Option<usize> {
-        let mut next = 1;
-        while next < self.steps.len() {
-            let row = &adjacent[self.steps[next].vertex as usize];
+        let (near, steps) = (&mut self.near[..self.live], &mut self.steps[..=self.live]);
+        let (mut next, mut taken) = (1, self.taken);
+        let mut found = None;
+        'all: while next < taken {
+            let row = &adjacent[steps[next].vertex as usize];
             next += 1;
-            for (index, left) in self.near.iter_mut().enumerate() {
+            for (index, left) in near.iter_mut().enumerate() {
                 let now = and(left, row);
                 if now == *left {
                     continue;
                 }
                 if is_empty(&now) {
-                    return Some(index);
+                    found = Some(index);
+                    break 'all;
                 }
                 *left = now;
                 if is_single(&now) {
-                    self.steps.extend(forced(&now, index));
+                    steps[taken] = Step { vertex: lowest(&now), set: index as u32 };
+                    taken += 1;
                 }
             }
         }
-        None
+        self.taken = taken;
+        found
     }
 
     /// Marks steps before `before` that put all of `gone` out, those already marked first.
@@ -142,7 +161,14 @@ impl<const W: usize> Cores<W> {
     }
 }
 
+/// The least member of a set that has one.
 #[inline(always)]
-fn forced<const W: usize>(left: &Set<W>, set: usize) -> Option<Step> {
-    first(left).map(|w| Step { vertex: w as u32, set: set as u32 })
+fn lowest<const W: usize>(set: &Set<W>) -> u32 {
+    let mut low = 0;
+    for block in (0..W).rev() {
+        if set[block] != 0 {
+            low = 64 * block as u32 + set[block].trailing_zeros();
+        }
+    }
+    low
 }

@@ -38,6 +38,9 @@ pub(super) fn full<const W: usize>(n: usize) -> Set<W> {
 /// Whether a set, known not to be empty, has one member.
 #[inline(always)]
 pub(super) fn is_single<const W: usize>(set: &Set<W>) -> bool {
+    if W <= 2 {
+        return count(set) == 1;
+    }
     let words = set.iter().map(|&word| u64::from(word != 0)).sum::<u64>();
     words == 1 && set.iter().fold(0, |more, word| more | word & word.wrapping_sub(1)) == 0
 }
@@ -102,7 +105,8 @@ pub(super) fn members<const W: usize>(set: Set<W>) -> impl Iterator<Item = usize
 pub(super) fn closed<const W: usize>(matrix: &BitMatrix) -> Vec<Set<W>> {
     let wide = |v: usize| {
         let mut set = empty::<W>();
-        set[..matrix.words()].copy_from_slice(matrix.row(v));
+        // word by word: a copy of unknown length would be a call
+        set.iter_mut().zip(matrix.row(v)).for_each(|(wide, &word)| *wide = word);
         put(&mut set, v);
         set
     };

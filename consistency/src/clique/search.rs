@@ -3,6 +3,7 @@
 use super::budget::Meter;
 use super::cover::Cover;
 use super::incumbent::Incumbent;
+use super::order::{DENSE, density, order_among};
 use super::rows::{Set, and, and_not, closed, count, drop, first, full, is_empty, put, with_width};
 use crate::graph::{Adjacency, bit_matrix::BitMatrix};
 
@@ -16,62 +17,59 @@ pub(super) struct Problem<'a> {
 }
 
 /// A clique heavier than `lower`: the heaviest, or the first of at least `enough`; or `None`.
+///
+/// * `few` – vertices to branch on up to which an order of their own is not worth its cost.
 pub(super) fn search(
     problem: Problem<'_>,
-    lower: u64,
-    enough: u64,
+    (lower, enough): (u64, u64),
+    few: u32,
     rival: Option<Rival<'_>>,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    with_width!(problem.matrix.words(), search_wide(problem, lower, enough, rival, meter))
+    if problem.weights.iter().sum::<u64>() <= lower {
+        return None;
+    }
+    with_width!(problem.matrix.words(), search_wide(problem, (lower, enough), few, rival, meter))
 }
 
 fn search_wide<const W: usize>(
     problem: Problem<'_>,
-    lower: u64,
-    enough: u64,
+    (lower, enough): (u64, u64),
+    few: u32,
     rival: Option<Rival<'_>>,
     meter: &mut Meter,
 ) -> Option<Vec<usize>> {
-    let adjacent = closed::<W>(problem.matrix);
-    let within = Within { adjacent: &adjacent, weights: problem.weights, counted: problem.counted };
-    let cover = &mut Cover::new(problem.counted);
-    within.search(full(problem.matrix.len()), lower, enough, rival, cover, meter)
-}
-
-/// What is searched, in rows that hold their own vertex too.
-#[derive(Clone, Copy)]
-pub(super) struct Within<'a, const W: usize> {
-    pub(super) adjacent: &'a [Set<W>],
-    pub(super) weights: &'a [u64],
-    pub(super) counted: bool,
-}
-
-impl<const W: usize> Within<'_, W> {
-    /// A clique of `candidates` heavier than `lower`: the heaviest, or the first of at least `enough`; or `None`.
-    pub(super) fn search(
-        self,
-        candidates: Set<W>,
-        lower: u64,
-        enough: u64,
-        rival: Option<Rival<'_>>,
-        cover: &mut Cover<W>,
-        meter: &mut Meter,
-    ) -> Option<Vec<usize>> {
-        let mut search = Search {
-            within: self,
-            cover,
-            best: lower,
-            enough,
-            found: None,
-            path: Vec::new(),
-            weight: 0,
-            rival,
-            meter,
-        };
-        search.expand(candidates);
-        search.found
+    let Problem { matrix, weights, counted } = problem;
+    let adjacent = &closed::<W>(matrix);
+    let (all, mut cover) = (full(matrix.len()), Cover::new(counted));
+    // Most searches end here, before an order of their own is worth its cost.
+    let branching = cover.branching(adjacent, weights, all, lower);
+    if is_empty(&branching) {
+        return None;
     }
+    // Where few vertices are joined the work is little, and the order of the whole graph will do.
+    if count(&branching) > few && (!counted || density(matrix) > DENSE) {
+        let order = order_among(adjacent, all, weights, lower);
+        let weights: Vec<u64> = order.iter().map(|&v| weights[v]).collect();
+        let problem = Problem { matrix: &matrix.select(&order), weights: &weights, counted };
+        let found = search(problem, (lower, enough), u32::MAX, rival, meter)?;
+        return Some(found.into_iter().map(|v| order[v]).collect());
+    }
+    let mut search = Search {
+        adjacent,
+        weights,
+        counted,
+        cover,
+        best: lower,
+        enough,
+        found: None,
+        path: Vec::new(),
+        weight: 0,
+        rival,
+        meter,
+    };
+    search.branch(all, branching);
+    search.found
 }
 
 /// Searches of other parts of the same graph, whose cliques count here too.
@@ -87,8 +85,11 @@ pub(super) struct Rival<'a> {
 const WIDE: usize = 16;
 
 struct Search<'a, const W: usize> {
-    within: Within<'a, W>,
-    cover: &'a mut Cover<W>,
+    /// Rows hold their own vertex too.
+    adjacent: &'a [Set<W>],
+    weights: &'a [u64],
+    counted: bool,
+    cover: Cover<W>,
     best: u64,
     enough: u64,
     found: Option<Vec<usize>>,
@@ -104,25 +105,29 @@ impl<const W: usize> Search<'_, W> {
             return;
         }
         let missing = self.best - self.weight;
-        let Within { adjacent, weights, counted } = self.within;
-        let mut branching = self.cover.branching(adjacent, weights, candidates, missing);
+        let branching = self.cover.branching(self.adjacent, self.weights, candidates, missing);
+        self.branch(candidates, branching);
+    }
+
+    /// Searches each of the `branching` vertices with those `candidates` that are not to come.
+    fn branch(&mut self, candidates: Set<W>, mut branching: Set<W>) {
         let mut open = and_not(&candidates, &branching);
         while let Some(v) = first(&branching) {
             drop(&mut branching, v);
-            let next = and(&open, &adjacent[v]);
+            let next = and(&open, &self.adjacent[v]);
             put(&mut open, v);
-            if counted && self.weight + 1 + u64::from(count(&next)) <= self.best {
+            if self.counted && self.weight + 1 + u64::from(count(&next)) <= self.best {
                 continue;
             }
             self.path.push(v);
-            self.weight += weights[v];
+            self.weight += self.weights[v];
             if self.weight > self.best {
                 self.record();
             }
             if !is_empty(&next) {
                 self.expand(next);
             }
-            self.weight -= weights[v];
+            self.weight -= self.weights[v];
             self.path.pop();
         }
     }

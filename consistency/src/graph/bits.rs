@@ -25,7 +25,7 @@ pub(crate) fn remove(set: &mut [u64], i: usize) {
 }
 
 /// Number of elements.
-#[inline]
+#[inline(always)]
 pub(crate) fn count(set: &[u64]) -> usize {
     set.iter().map(|word| word.count_ones() as usize).sum()
 }

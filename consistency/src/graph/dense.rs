@@ -70,6 +70,11 @@ impl Graph {
         Ok(graph)
     }
 
+    /// Rows of edges, and as many sound weights.
+    pub(super) fn from_rows(edges: BitMatrix, weights: Vec<f64>) -> Self {
+        Self { edges, weights }
+    }
+
     /// Replaces all vertex weights.
     ///
     /// # Errors
@@ -212,6 +217,10 @@ impl Adjacency for Graph {
     #[inline]
     fn weight(&self, vertex: usize) -> f64 {
         self.weights.get(vertex).copied().unwrap_or(0.0)
+    }
+
+    fn edge_count(&self) -> usize {
+        self.edges.edge_count()
     }
 }
 

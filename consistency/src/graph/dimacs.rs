@@ -1,7 +1,29 @@
 use std::path::Path;
 
-use super::{SparseGraph, bit_matrix::BitMatrix};
+use super::{Graph, SparseGraph, bit_matrix::BitMatrix};
 use crate::Error;
+
+/// A graph of a file, stored as it takes less memory.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FileGraph {
+    /// Rows of bits, where all of them are no larger than the file.
+    Dense(Graph),
+    /// Lists of neighbours.
+    Sparse(SparseGraph),
+}
+
+/// Reads a DIMACS clique file without turning its edges into lists where rows of bits are smaller.
+///
+/// # Errors
+/// [`Error::Io`], and those of [`dimacs`].
+pub fn read_dimacs_smaller(path: &Path) -> Result<FileGraph, Error> {
+    Ok(match parse(&super::matrix_market::read_text(path)?)? {
+        (Edges::Rows(rows), weights) if weights.len() <= Graph::MAX_VERTICES => {
+            FileGraph::Dense(Graph::from_rows(rows, weights))
+        }
+        (edges, weights) => FileGraph::Sparse(edges.into_lists(weights)),
+    })
+}
 
 /// Reads a DIMACS clique file (`c` comment, `p col|edge n m`, `e u v`, `n v weight`), vertices from one.
 ///
@@ -19,6 +41,12 @@ pub fn read_dimacs(path: &Path) -> Result<SparseGraph, Error> {
 /// # Errors
 /// [`Error::Parse`] with the line: no `p` line or two, an unknown line type, numbers out of range, a self loop.
 pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
+    let (edges, weights) = parse(text)?;
+    Ok(edges.into_lists(weights))
+}
+
+/// The edges of a file, and a weight for each vertex.
+fn parse(text: &str) -> Result<(Edges, Vec<f64>), Error> {
     let (mut vertices, mut edges) = (None, Edges::Arcs(Vec::new()));
     let mut weights: Vec<(usize, f64)> = Vec::new();
     let (mut at, mut line) = (0, 0);
@@ -74,10 +102,7 @@ pub fn dimacs(text: &str) -> Result<SparseGraph, Error> {
         vertices.ok_or_else(|| Error::Parse { line: text.lines().count(), reason: "no `p` line".into() })?;
     let mut all = vec![1.0; n];
     weights.into_iter().for_each(|(v, weight)| all[v] = weight);
-    Ok(match edges {
-        Edges::Rows(rows) => SparseGraph::from_rows(&rows, all),
-        Edges::Arcs(arcs) => SparseGraph::from_arcs(&arcs, all),
-    })
+    Ok((edges, all))
 }
 
 /// Edges read so far.
@@ -94,6 +119,13 @@ impl Edges {
             Self::Rows(BitMatrix::new(vertices))
         } else {
             Self::Arcs(Vec::new())
+        }
+    }
+
+    fn into_lists(self, weights: Vec<f64>) -> SparseGraph {
+        match self {
+            Self::Rows(rows) => SparseGraph::from_rows(&rows, weights),
+            Self::Arcs(arcs) => SparseGraph::from_arcs(&arcs, weights),
         }
     }
 
@@ -145,6 +177,22 @@ mod tests {
     fn reads_edges_once_and_weights() {
         let graph = dimacs("c hi\np edge 3 9\ne 1 2\r\ne 2 1\n\ne 2 3\nn 3 2.5\n").unwrap();
         assert_eq!((graph.len(), graph.edge_count(), graph.weight(2)), (3, 2, 2.5));
+    }
+
+    #[test]
+    fn files_are_stored_as_they_are_smaller() {
+        for (text, dense) in [("p edge 8 1\ne 1 2\nn 2 3\n", true), ("p edge 200 1\ne 1 2\n", false)] {
+            let path = std::env::temp_dir().join(format!("draco-{}-{dense}.clq", std::process::id()));
+            std::fs::write(&path, text).unwrap();
+            let read = read_dimacs_smaller(&path).unwrap();
+            std::fs::remove_file(&path).unwrap();
+            let lists = dimacs(text).unwrap();
+            let expected = match dense {
+                true => FileGraph::Dense(Graph::from_sparse(&lists).unwrap()),
+                false => FileGraph::Sparse(lists),
+            };
+            assert_eq!(read, expected);
+        }
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub use adjacency::Adjacency;
 pub(crate) use degeneracy::degeneracy_while;
 pub use degeneracy::{Degeneracy, degeneracy};
 pub use dense::Graph;
-pub use dimacs::{dimacs, read_dimacs};
+pub use dimacs::{FileGraph, dimacs, read_dimacs, read_dimacs_smaller};
 pub use generate::{Planted, PlantedParams, planted, random};
 pub use hypergraph::Hypergraph;
 pub use matrix_market::{matrix_market, read_matrix_market};
