@@ -66,7 +66,7 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
         (settings.progress)(&format!("{robots} robots, {keyframes} keyframes"));
     }
     for (keyframes, points) in points {
-        figure.line(&format!("{keyframes} keyframes"), points);
+        figure.line(format!("{keyframes} keyframes"), points);
     }
     let notes = vec!["computing time on this machine; everything else is the same on any".into()];
     Ok(Outcome { table, runs: None, figure, notes })

@@ -179,7 +179,8 @@ pub(super) fn run(settings: &Settings<'_>) -> Result<Outcome, Error> {
         .filter(|(index, _)| chosen.contains(&(*index as u64)))
         .map(|(index, change)| {
             let report = change.fly(&data)?;
-            (settings.progress)(&change.name());
+            let ate = report.summary().team.ate_m.map_or("none".into(), |ate| format!("{ate:.2} m"));
+            (settings.progress)(&format!("run {index}, {}: team {ate}", change.name()));
             Ok((index, report))
         })
         .collect::<Result<_, Error>>()?;
