@@ -132,6 +132,12 @@ pub struct ClosureEntry {
 }
 
 impl ClosureEntry {
+    /// The two robots, the smaller number first.
+    pub fn robots(&self) -> (RobotId, RobotId) {
+        let (a, b) = (self.source.robot, self.target.robot);
+        (a.min(b), a.max(b))
+    }
+
     /// The closure as whoever hears of it has it.
     ///
     /// # Errors

@@ -21,7 +21,7 @@ impl Robot {
     /// Judges all closures of aligned pairs and estimates the team's poses from those believed. When that fails on what
     /// partners said, the last estimate stays.
     pub(super) fn choose_closures(&mut self, now: f64) -> Result<(), Error> {
-        let own_graph = RobotGraph::from_map(self.own_factors()?, self.local.poses().to_vec());
+        let own_graph = self.own_graph()?;
         let mut entries = self.entries();
         if self.params.method == Method::Gcm {
             self.leave_out_contradicted(&mut entries)?;
@@ -183,7 +183,7 @@ impl Robot {
             _ if b == self.id => self.told_place(&own, b, a),
             _ => None,
         };
-        let pairs: BTreeSet<_> = entries.iter().map(pair).collect();
+        let pairs: BTreeSet<_> = entries.iter().map(ClosureEntry::robots).collect();
         Ok(pairs.into_iter().filter_map(of_pair).collect())
     }
 
@@ -209,8 +209,8 @@ impl Robot {
         let mut implied: BTreeMap<(RobotId, RobotId), Vec<Implied>> = BTreeMap::new();
         for entry in entries.iter() {
             let Some(place) = self.implied(entry) else { continue };
-            let place = if pair(entry).0 == entry.target.robot { place } else { place.reversed() };
-            implied.entry(pair(entry)).or_default().push(place);
+            let place = if entry.robots().0 == entry.target.robot { place } else { place.reversed() };
+            implied.entry(entry.robots()).or_default().push(place);
         }
         let contradicted = |(&(a, b), implied): (&(RobotId, RobotId), &Vec<Implied>)| {
             let closures = medoid(implied)?;
@@ -220,7 +220,7 @@ impl Robot {
             (!mine.into_iter().chain(theirs).all(same)).then_some((a, b))
         };
         let contradicted: BTreeSet<_> = implied.iter().filter_map(contradicted).collect();
-        entries.retain(|entry| !contradicted.contains(&pair(entry)));
+        entries.retain(|entry| !contradicted.contains(&entry.robots()));
         Ok(())
     }
 
@@ -243,12 +243,6 @@ impl Robot {
             }
         }
     }
-}
-
-/// The two robots of a closure, the smaller number first.
-fn pair(entry: &ClosureEntry) -> (RobotId, RobotId) {
-    let (a, b) = (entry.source.robot, entry.target.robot);
-    (a.min(b), a.max(b))
 }
 
 #[cfg(test)]

@@ -35,6 +35,7 @@ use crate::link::Outgoing;
 use crate::local_slam::{LocalSlam, LocalSlamParams};
 use crate::message::{ClosureEntry, FactorEntry, Frame, KeyframeId, WireError};
 use crate::objects::{CellParams, ObjectParams, ObjectTracks};
+use crate::robot_graph::RobotGraph;
 use crate::transport::{Refusal, RefusalCounts, Transport, TransportParams};
 use crate::two_step::{Optimisation, TeamEstimate};
 pub use reports::KnownVersions;
@@ -289,5 +290,10 @@ impl Robot {
             covariance: f.covariance,
         };
         Ok(self.local.factors()?.into_iter().map(entry).collect())
+    }
+
+    /// The robot's own graph as its partners know theirs.
+    fn own_graph(&self) -> Result<RobotGraph, Error> {
+        Ok(RobotGraph::from_map(self.own_factors()?, self.local.poses().to_vec()))
     }
 }

@@ -118,7 +118,7 @@ impl Robot {
     /// # Errors
     /// Those of the graph.
     pub fn team_graph_g2o(&self) -> Result<String, Error> {
-        let own = RobotGraph::from_map(self.own_factors()?, self.local.poses().to_vec());
+        let own = self.own_graph()?;
         let problem = self.team_problem(&own);
         let mut graph = problem.graph()?;
         for (key, pose) in self.team.keyed_poses() {
@@ -132,7 +132,7 @@ impl Robot {
     /// # Errors
     /// Those of the graph and of the solver.
     pub(crate) fn time_of(&self, optimisation: Optimisation) -> Result<f64, Error> {
-        let own = RobotGraph::from_map(self.own_factors()?, self.local.poses().to_vec());
+        let own = self.own_graph()?;
         let begin = Instant::now();
         self.team_problem(&own).solve(optimisation)?;
         Ok(begin.elapsed().as_secs_f64())
