@@ -72,9 +72,10 @@ impl LocalSlam {
         let params = &self.params.loops;
         let distance =
             |k: usize| (self.poses[k].translation.vector - self.poses[source].translation.vector).norm();
-        let mut near: Vec<usize> = (0..(source + 1).saturating_sub(params.min_separation))
-            .filter(|&k| distance(k) < params.max_distance)
-            .collect();
+        // scans that both submaps hold would tell that nothing moved
+        let apart = params.min_separation.max(params.source_half + params.target_half + 1);
+        let mut near: Vec<usize> =
+            (0..(source + 1).saturating_sub(apart)).filter(|&k| distance(k) < params.max_distance).collect();
         near.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
         let mut chosen: Vec<usize> = Vec::new();
         for k in near {

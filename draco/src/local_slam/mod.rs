@@ -104,6 +104,8 @@ pub struct LocalSlam {
     sigma_angle: f64,
     /// Standard deviation of what the matches' headings are off by beyond what they tell, as calibrated so far, radians.
     turn: f64,
+    /// Scale of the Cauchy kernel on what scans say about steps, as calibrated so far.
+    kernel: f64,
 }
 
 impl LocalSlam {
@@ -112,6 +114,7 @@ impl LocalSlam {
         Self {
             sigma: params.odometry_sigma,
             sigma_angle: params.odometry_sigma_angle,
+            kernel: params.step_cauchy,
             params,
             keyframes: Vec::new(),
             poses: Vec::new(),
@@ -251,7 +254,7 @@ impl LocalSlam {
             if let Some(scan) = self.seen(step) {
                 let least = UNKNOWN + ROUNDING * scan.information.amax();
                 let information = scan.information + Matrix3::identity() * least;
-                let kernel = Kernel::Cauchy(self.params.step_cauchy);
+                let kernel = Kernel::Cauchy(self.kernel);
                 graph.add_between(key(k), key(k + 1), scan.measured, information, kernel)?;
             }
         }
@@ -282,6 +285,7 @@ impl LocalSlam {
             self.bias = calibration.rotation.angle();
         }
         self.calibrate_noise();
+        self.calibrate_kernel();
         self.calibrate_turn();
         self.calibrate_odometry_heading();
         Ok(())
@@ -320,6 +324,11 @@ impl LocalSlam {
         self.sigma_angle
     }
 
+    /// Scale of the Cauchy kernel on what scans say about steps, in their standard deviations, as calibrated so far.
+    pub fn step_kernel(&self) -> f64 {
+        self.kernel
+    }
+
     /// Standard deviation of what the matches' headings are off by beyond what they tell, as calibrated so far, radians.
     pub fn match_sigma_angle(&self) -> f64 {
         self.turn
@@ -344,7 +353,7 @@ impl LocalSlam {
                     // The weight the kernel gives it in this map, so that a plain graph of these factors has the
                     // same optimum.
                     let relative = self.poses[k].between(&self.poses[k + 1]);
-                    let weighed = scan.weighed(&relative, self.params.step_cauchy);
+                    let weighed = scan.weighed(&relative, self.kernel);
                     let (from, to) = (k as u32, k as u32 + 1);
                     let (measured, covariance) =
                         weighed.fused(&odometry, &prior).ok_or(Error::LocalCovariance { from, to })?;

@@ -3,6 +3,7 @@
 
 use draco_lie::LieGroup;
 use nalgebra::{Isometry2, Matrix3, UnitComplex, Vector3};
+use statrs::function::gamma::ln_gamma;
 
 use super::LocalSlam;
 use super::loops::OwnClosure;
@@ -29,6 +30,13 @@ const ANGLES: i32 = 9;
 
 /// Share of a span's likelihood that counts: each step lies in as many.
 const SPAN_SHARE: f64 = 0.1;
+
+/// Degrees of freedom tried for the matches' distribution around odometry: from one in which most are doubtful to the
+/// Gaussian, nearly.
+const FREEDOMS: [f64; 11] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0, 32.0, 50.0];
+/// Square of the kernel's scale over the degrees of freedom. A t distribution of ν degrees weighs what lies `r` off by
+/// `1 / (1 + r²/ν)`; half of that, because a match's covariance is made for the worst place, so its `r` come out small.
+const KERNEL_SHARE: f64 = 0.5;
 
 /// A submap registered with one a few steps before.
 struct Span {
@@ -58,9 +66,29 @@ impl LocalSlam {
             let off = (sigma / params.odometry_sigma).ln() / params.odometry_spread;
             likelihood - 0.5 * off * off
         };
-        let tried = (0..TRIED).rev().map(|k| params.odometry_sigma * RATIO.powi(k));
-        let best = tried.map(|sigma| (log_posterior(sigma), sigma)).max_by(|a, b| a.0.total_cmp(&b.0));
-        self.sigma = best.map_or(params.odometry_sigma, |(_, sigma)| sigma);
+        let tried = (0..TRIED).map(|k| params.odometry_sigma * RATIO.powi(k));
+        self.sigma = likeliest(tried, log_posterior).unwrap_or(params.odometry_sigma);
+    }
+
+    /// Sets the scale of the kernel on what scans say to what the likeliest tails of the matches around odometry make it,
+    /// at most the one told.
+    ///
+    /// Where scans slide along walls many matches are off by several times what they tell, and a wide kernel believes them;
+    /// where none do, a narrow one throws away what they are good for.
+    ///
+    /// **Source**: the degrees of freedom of Student's t by maximum likelihood (K. Lange, R. Little, J. Taylor, *Robust
+    /// statistical modeling using the t distribution*, 1989), here on a grid and for the kernel's scale alone.
+    pub(super) fn calibrate_kernel(&mut self) {
+        let noise = covariance(self.sigma, self.sigma_angle);
+        let off: Vec<f64> =
+            self.matched().iter().map(|(odometry, scan)| distance(odometry, scan, &noise).0).collect();
+        let log_likelihood = |freedom: f64| {
+            let size = ln_gamma(0.5 * (freedom + 3.0)) - ln_gamma(0.5 * freedom) - 1.5 * freedom.ln();
+            off.iter().map(|chi2| size + log_student(*chi2, 3.0, freedom)).sum::<f64>()
+        };
+        let told = self.params.step_cauchy;
+        let found = likeliest(FREEDOMS.into_iter().rev(), log_likelihood);
+        self.kernel = found.map_or(told, |freedom| told.min((KERNEL_SHARE * freedom).sqrt()));
     }
 
     /// Sets the standard deviation of a step's heading by odometry to the likeliest by the registrations of submaps with those
@@ -75,16 +103,13 @@ impl LocalSlam {
         let log_posterior = |sigma: f64| {
             let likelihood = |span: &Span| {
                 let variance = span.variance + self.turn * self.turn + span.steps * sigma * sigma;
-                -0.5 * variance.ln() + log_student(span.off * span.off / variance, 1.0)
+                -0.5 * variance.ln() + log_student(span.off * span.off / variance, 1.0, FREEDOM)
             };
             let off = (sigma / told).ln() / self.params.odometry_spread;
             SPAN_SHARE * spans.iter().map(likelihood).sum::<f64>() - 0.5 * off * off
         };
         let tried = (0..ANGLES).map(|k| told * ANGLE_RATIO.powi(k));
-        let best = tried
-            .map(|sigma| (log_posterior(sigma), sigma))
-            .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));
-        self.sigma_angle = best.map_or(told, |(_, sigma)| sigma);
+        self.sigma_angle = likeliest(tried, log_posterior).unwrap_or(told);
     }
 
     /// The closures over a few steps, against what lies between by odometry.
@@ -92,8 +117,11 @@ impl LocalSlam {
         let longest = self.params.loops.submaps_before * (2 * self.params.loops.source_half + 1);
         let span = |closure: &OwnClosure| {
             let between = self.steps.get(closure.target..closure.source)?;
+            if between.len() > longest {
+                return None;
+            }
             let turned: f64 = between.iter().map(|step| self.predicted(step).rotation.angle()).sum();
-            (between.len() <= longest).then(|| Span {
+            Some(Span {
                 steps: between.len() as f64,
                 variance: closure.covariance[(2, 2)],
                 off: (closure.measured.rotation * UnitComplex::new(-turned)).angle(),
@@ -122,15 +150,12 @@ impl LocalSlam {
         let log_posterior = |turn: f64| {
             let likelihood = |(off, variance): &(f64, f64)| {
                 let variance = variance + turn * turn;
-                -0.5 * variance.ln() + log_student(off * off / variance, 1.0)
+                -0.5 * variance.ln() + log_student(off * off / variance, 1.0, FREEDOM)
             };
             turned.iter().map(likelihood).sum::<f64>() - 0.5 * (turn / told).powi(2)
         };
         let tried = (0..=TURNS).map(|k| LARGEST_TURN * told * f64::from(k) / f64::from(TURNS));
-        let best = tried
-            .map(|turn| (log_posterior(turn), turn))
-            .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));
-        self.turn = best.map_or(0.0, |(_, turn)| turn);
+        self.turn = likeliest(tried, log_posterior).unwrap_or(0.0);
     }
 
     /// Every matched step: odometry as calibrated so far, and what the scan says.
@@ -139,21 +164,36 @@ impl LocalSlam {
     }
 }
 
+/// The value tried that is likeliest, of equals the first.
+fn likeliest(tried: impl Iterator<Item = f64>, log_posterior: impl Fn(f64) -> f64) -> Option<f64> {
+    let best = tried
+        .map(|value| (log_posterior(value), value))
+        .reduce(|best, next| if next.0.total_cmp(&best.0).is_gt() { next } else { best });
+    best.map(|(_, value)| value)
+}
+
 /// Log likelihood, up to a constant, of what a scan says about a step when odometry has the covariance `noise`.
+fn log_likelihood(odometry: &Isometry2<f64>, scan: &ScanFactor, noise: &Matrix3<f64>) -> f64 {
+    let (chi2, determinant) = distance(odometry, scan, noise);
+    -0.5 * determinant.ln() + log_student(chi2, 3.0, FREEDOM)
+}
+
+/// Squared distance of what a scan says about a step from odometry with the covariance `noise`, in what both tell, and
+/// the determinant of that over the scan's own.
 ///
 /// The information `L` of the scan may be singular, so `(L⁻¹ + P)⁻¹` is taken as `(1 + L P)⁻¹ L`.
-fn log_likelihood(odometry: &Isometry2<f64>, scan: &ScanFactor, noise: &Matrix3<f64>) -> f64 {
+fn distance(odometry: &Isometry2<f64>, scan: &ScanFactor, noise: &Matrix3<f64>) -> (f64, f64) {
     let information = scan.information / MATCH_SHARE;
     let spread = Matrix3::identity() + information * noise;
-    let Some(inverse) = spread.try_inverse() else { return 0.0 };
+    let Some(inverse) = spread.try_inverse() else { return (0.0, 1.0) };
     let off = scan.measured.minus(odometry);
     let chi2 = off.dot(&(inverse * information * off)).max(0.0);
-    -0.5 * spread.determinant().max(f64::MIN_POSITIVE).ln() + log_student(chi2, 3.0)
+    (chi2, spread.determinant().max(f64::MIN_POSITIVE))
 }
 
 /// What Student's t takes off the logarithm of its density at `chi2` from the centre.
-fn log_student(chi2: f64, dimension: f64) -> f64 {
-    -0.5 * (FREEDOM + dimension) * (chi2 / FREEDOM).ln_1p()
+fn log_student(chi2: f64, dimension: f64, freedom: f64) -> f64 {
+    -0.5 * (freedom + dimension) * (chi2 / freedom).ln_1p()
 }
 
 #[cfg(test)]
@@ -252,6 +292,24 @@ mod tests {
             let found = heading_found(sigma);
             assert!((0.6 * sigma..1.4 * sigma).contains(&found), "{found} for {sigma}");
         }
+    }
+
+    #[test]
+    fn the_kernel_narrows_where_matches_slide_and_stays_wide_where_they_do_not() {
+        let scale = |each: usize| {
+            let mut slam = matched(100, |k, draw| {
+                let slid = if k % each == 0 { 6.0 } else { 1.0 };
+                Vector3::new(0.2 * slid * draw(), 0.2 * slid * draw(), 0.01 * draw())
+            });
+            slam.calibrate_noise();
+            slam.calibrate_kernel();
+            slam.step_kernel()
+        };
+        assert_eq!(scale(1000), 2.0);
+        assert!((0.7..1.5).contains(&scale(4)), "{}", scale(4));
+        let mut without = matched(0, |_, _| Vector3::zeros());
+        without.calibrate_kernel();
+        assert_eq!(without.step_kernel(), 2.0);
     }
 
     #[test]

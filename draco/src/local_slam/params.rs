@@ -39,9 +39,9 @@ pub struct LocalSlamParams {
     pub step_refinement: CorrelativeParams,
     /// Least score of a step match. Default 0.35: a third of the points has to lie on the map.
     pub step_min_score: f64,
-    /// Scale of the Cauchy kernel on what a scan says about a step, in its standard deviations. Default 2: odometry, once
-    /// calibrated, is right to half a metre, so a match that contradicts it by more is more likely a scan that slid along
-    /// a wall.
+    /// Largest scale of the Cauchy kernel on what a scan says about a step, in its standard deviations. Default 2: odometry,
+    /// once calibrated, is right to half a metre, so a match that contradicts it by more is more likely a scan that slid
+    /// along a wall. Where many do, the calibration narrows it.
     pub step_cauchy: f64,
     /// Loop closures within the robot's own map.
     pub loops: LoopParams,
@@ -78,8 +78,8 @@ pub struct LoopParams {
     pub source_half: usize,
     /// Keyframes merged on each side of the target. Default 4.
     pub target_half: usize,
-    /// Least number of keyframes between source and target. Default 10, so that the two share no scan and the window
-    /// of the steps does not already hold both.
+    /// Least number of keyframes between source and target, but never so few that the two share a scan. Default 10, so that
+    /// the window of the steps does not already hold both.
     pub min_separation: usize,
     /// How many of the submaps right before that of the source it is registered with as well, each of as many keyframes and
     /// with no scan in two of them. Default 2, so that they reach over the window of the steps.
