@@ -5,6 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::beam::{Hypothesis, State, search};
+use super::consensus::Consensus;
 use super::frames::Frames;
 use super::params::GcmParams;
 use super::problem::Problem;
@@ -197,7 +198,7 @@ fn a_beam_of_unlimited_width_is_enumeration_of_all_states() {
                 (states, score)
             })
             .collect();
-        let beam = search::<3, Isometry2<f64>>(&votes, &params, params.beam).unwrap();
+        let beam = search::<3, Isometry2<f64>>(&votes, &mut Consensus::new(), &params, params.beam).unwrap();
         assert_eq!(beam.dropped, f64::NEG_INFINITY);
         assert_eq!(beam.hypotheses.len(), scored.len());
         for (p, q) in posterior(&scored).iter().zip(posterior(&of_beam(&beam.hypotheses))) {
@@ -214,7 +215,10 @@ fn every_kept_hypothesis_has_the_score_of_the_dense_normal() {
         let params = GcmParams::default();
         let team: Team = harbor(&Harbor::default(), &mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
         let votes = votes(&team, &params, true);
-        for hypothesis in &search::<3, Isometry2<f64>>(&votes, &params, params.beam).unwrap().hypotheses {
+        for hypothesis in &search::<3, Isometry2<f64>>(&votes, &mut Consensus::new(), &params, params.beam)
+            .unwrap()
+            .hypotheses
+        {
             let dense = score(&votes, &params, &hypothesis.states);
             assert!(
                 (dense - hypothesis.score).abs() < 1e-8 * (1.0 + dense.abs()),
@@ -233,7 +237,10 @@ fn yaw_slips_weigh_by_what_all_votes_tell_of_their_bias() {
         let team: Team = harbor(&Harbor::default(), &mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
         let votes = votes(&team, &params, true);
         let rho = DVector::from_vec(votes.list.iter().flat_map(|v| v.rho.iter().copied()).collect());
-        for hypothesis in &search::<3, Isometry2<f64>>(&votes, &params, params.beam).unwrap().hypotheses {
+        for hypothesis in &search::<3, Isometry2<f64>>(&votes, &mut Consensus::new(), &params, params.beam)
+            .unwrap()
+            .hypotheses
+        {
             let states = &hypothesis.states;
             if states.iter().any(|s| matches!(s, State::Slip(_))) || !states.contains(&State::YawSlip) {
                 continue;
@@ -262,7 +269,7 @@ fn without_ties_between_neighbours_the_order_of_the_votes_does_not_matter() {
         let team: Team = harbor(&Harbor::default(), &mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
         let votes = votes(&team, &params, false);
         let backwards = votes.reordered(&(0..votes.list.len()).rev().collect::<Vec<_>>());
-        let best = search::<3, Isometry2<f64>>(&votes, &params, params.beam).unwrap();
+        let best = search::<3, Isometry2<f64>>(&votes, &mut Consensus::new(), &params, params.beam).unwrap();
         for hypothesis in best.hypotheses.iter().take(8) {
             let turned: Vec<State> = renumbered(hypothesis.states.iter().rev().copied());
             let score = score(&backwards, &params, &turned);

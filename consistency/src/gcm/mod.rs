@@ -106,8 +106,11 @@
 //! * Slips that follow the prior's error agree with it: register from several starts, or lower `prior_sound`.
 //! * A slip smaller than the drift between groups is invisible: close own loops first.
 mod beam;
+mod biases;
 mod block;
+mod block_product;
 mod clusters;
+mod consensus;
 mod discount;
 #[cfg(test)]
 mod exact_tests;
@@ -126,6 +129,7 @@ mod problem;
 #[cfg(test)]
 mod residual_tests;
 mod slips;
+mod state_prior;
 mod verdict;
 mod votes;
 
