@@ -91,19 +91,20 @@ impl<const N: usize> Beam<N> {
 
     /// Gives each hypothesis the evidence of slips and yaw slips as they are thought of, instead of the normals
     /// searched with. Biases are taken one by one.
-    fn weigh_biases<G: Pose<N>>(&mut self, votes: &Votes<N>, consensus: &Consensus<N>) {
+    fn weigh_biases<G: Pose<N>>(&mut self, votes: &Votes<N>, consensus: &mut Consensus<N>) {
         for Hypothesis { weight, score, biases, slips, .. } in &mut self.hypotheses {
             let of = |&slip: &usize| votes.slip.log_evidence::<G>(biases.mean(slip), biases.covariance(slip));
             *weight = *score + slips.iter().map(of).sum::<f64>();
         }
-        let solution = consensus.solve(&residuals(votes));
+        let solution = consensus.solve(residuals(votes));
+        let carriers = self.carriers(votes.list.len());
         for (t, vote) in votes.list.iter().enumerate() {
             let mut turned = self.hypotheses.iter_mut().filter(|h| h.states[t] == State::YawSlip).peekable();
             if turned.peek().is_none() {
                 continue;
             }
             let own = own_bias(vote, State::YawSlip);
-            let column = consensus.inverse_column(t);
+            let column = consensus.inverse_column(t, &carriers);
             for hypothesis in turned {
                 let (inverse, solution) = hypothesis.biases.inverse_and_solution(t, &column, &solution[t]);
                 hypothesis.weight +=
@@ -127,8 +128,9 @@ impl<const N: usize> Beam<N> {
         t: usize,
     ) -> Result<(), Error> {
         let mut children: Vec<Child<N>> = Vec::new();
-        let step = consensus.step(votes, t);
-        let forecasts: Vec<Forecast<N>> = self.hypotheses.iter().map(|h| h.biases.forecast(step)).collect();
+        let expected = consensus.expect(votes, t, &self.carriers(t));
+        let forecasts: Vec<Forecast<N>> =
+            self.hypotheses.iter().map(|h| h.biases.forecast(&expected)).collect();
         for (parent, (hypothesis, forecast)) in self.hypotheses.iter().zip(&forecasts).enumerate() {
             hypothesis.children(votes, params, t, parent, forecast, &mut children);
         }
@@ -146,6 +148,13 @@ impl<const N: usize> Beam<N> {
             })
             .collect();
         Ok(())
+    }
+
+    /// Whether any hypothesis has a bias of each of the first `count` votes.
+    fn carriers(&self, count: usize) -> Vec<bool> {
+        let mut carries = vec![false; count];
+        self.hypotheses.iter().for_each(|h| h.biases.mark_carriers(&mut carries));
+        carries
     }
 
     /// Which children survive: the best `width`, none deeper than `depth`; ties to the smaller state vector.
@@ -261,7 +270,7 @@ impl<const N: usize> Hypothesis<N> {
     pub(crate) fn solution(&self, votes: &Votes<N>, consensus: &Consensus<N>) -> Vec<SVector<f64, N>> {
         let mut rho = residuals(votes);
         self.biases.subtract_means(&mut rho);
-        consensus.solve(&rho)
+        consensus.solve(rho)
     }
 }
 

@@ -1,7 +1,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::block_product::{subtract_product, subtract_transposed_product};
-use super::consensus::Step;
+use super::consensus::Expected;
 
 /// What the votes so far tell of the biases by which one hypothesis differs from the consensus: a joint normal.
 ///
@@ -42,6 +42,11 @@ impl<const N: usize> Biases<N> {
         Self { carriers: Vec::new(), means: Vec::new(), covariance: Vec::new() }
     }
 
+    /// Marks the votes that have a bias.
+    pub(crate) fn mark_carriers(&self, carries: &mut [bool]) {
+        self.carriers.iter().for_each(|&(t, _)| carries[t] = true);
+    }
+
     pub(crate) fn mean(&self, bias: usize) -> &SVector<f64, N> {
         &self.means[bias]
     }
@@ -50,11 +55,11 @@ impl<const N: usize> Biases<N> {
         &self.covariance[place(bias, bias)]
     }
 
-    pub(crate) fn forecast(&self, step: &Step<N>) -> Forecast<N> {
-        let weights = self.sums_over_carriers(&step.weights);
+    pub(crate) fn forecast(&self, expected: &Expected<N>) -> Forecast<N> {
+        let weights = self.sums_over_carriers(&expected.weights);
         let mut with_biases = vec![SMatrix::zeros(); weights.len()];
         self.subtract_covariance_times(&weights, &mut with_biases);
-        let &Step { mut covariance, mut residual, .. } = step;
+        let &Expected { mut covariance, mut residual, .. } = expected;
         for ((weight, with_bias), mean) in weights.iter().zip(&with_biases).zip(&self.means) {
             subtract_transposed_product(&mut covariance, weight, with_bias);
             residual.gemv_tr(1.0, weight, mean, 1.0);
@@ -115,7 +120,7 @@ impl<const N: usize> Biases<N> {
         }
     }
 
-    /// What all votes tell of the residual of a vote without the biases, the one here: `ρ` less the means of the biases.
+    /// Takes the means of the biases from the residuals of the votes that have them.
     pub(crate) fn subtract_means(&self, rho: &mut [SVector<f64, N>]) {
         for &(t, bias) in &self.carriers {
             rho[t] -= self.means[bias];
