@@ -21,7 +21,7 @@ pub(crate) enum State {
 }
 
 /// One explanation of all votes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Hypothesis<const N: usize> {
     /// log prior plus log likelihood.
     pub(crate) score: f64,
@@ -67,15 +67,7 @@ pub(crate) fn search<const N: usize, G: Pose<N>>(
     params: &GcmParams,
     width: usize,
 ) -> Result<Beam<N>, Error> {
-    let root = Hypothesis {
-        score: 0.0,
-        weight: 0.0,
-        states: Vec::new(),
-        sound_counts: SoundCounts::default(),
-        biases: Biases::none(),
-        slips: Vec::new(),
-    };
-    let mut beam = Beam { hypotheses: vec![root], dropped: f64::NEG_INFINITY };
+    let mut beam = Beam { hypotheses: vec![Hypothesis::default()], dropped: f64::NEG_INFINITY };
     for t in 0..votes.list.len() {
         beam.extend(votes, consensus, params, width, t)?;
     }
@@ -135,18 +127,19 @@ impl<const N: usize> Beam<N> {
             hypothesis.children(votes, params, t, parent, forecast, &mut children);
         }
         let best = children.iter().reduce(|best, child| if child.score > best.score { child } else { best });
-        let best = best.ok_or_else(|| votes.list[t].singular())?.state;
-        let agreed = consensus.settle(votes, t, best)?;
-        let kept = self.prune(&mut children, params.depth, width);
-        self.hypotheses = children
-            .into_iter()
-            .zip(kept)
-            .filter(|(_, keep)| *keep)
-            .map(|(child, _)| {
-                let own = own_bias(&votes.list[t], child.state) - agreed;
-                self.hypotheses[child.parent].grown(votes, t, &forecasts[child.parent], &own, child)
-            })
-            .collect();
+        let best = best.ok_or_else(|| votes.list[t].singular())?;
+        let agreed = consensus.settle(votes, t, best.state)?;
+        let kept = self.prune(&children, best.score, params.depth, width);
+        let mut parents = std::mem::take(&mut self.hypotheses);
+        let mut survivors =
+            children.into_iter().zip(kept).filter(|(_, keep)| *keep).map(|(child, _)| child).peekable();
+        while let Some(child) = survivors.next() {
+            let is_last = survivors.peek().is_none_or(|next| next.parent != child.parent);
+            let (parent, forecast) = (&mut parents[child.parent], &forecasts[child.parent]);
+            let parent = if is_last { std::mem::take(parent) } else { parent.clone() };
+            let own = own_bias(&votes.list[t], child.state) - agreed;
+            self.hypotheses.push(parent.grown(votes, t, forecast, &own, child));
+        }
         Ok(())
     }
 
@@ -158,18 +151,19 @@ impl<const N: usize> Beam<N> {
     }
 
     /// Which children survive: the best `width`, none deeper than `depth`; ties to the smaller state vector.
-    fn prune(&mut self, children: &mut [Child<N>], depth: f64, width: usize) -> Vec<bool> {
-        let mut order: Vec<usize> = (0..children.len()).collect();
-        order.sort_by(|&a, &b| children[b].score.total_cmp(&children[a].score).then(a.cmp(&b)));
-        let best = order.first().map_or(0.0, |&c| children[c].score);
+    fn prune(&mut self, children: &[Child<N>], best: f64, depth: f64, width: usize) -> Vec<bool> {
+        let mut survivors: Vec<usize> =
+            (0..children.len()).filter(|&c| children[c].score >= best - depth).collect();
+        if survivors.len() > width {
+            let by_score =
+                |a: &usize, b: &usize| children[*b].score.total_cmp(&children[*a].score).then(a.cmp(b));
+            survivors.select_nth_unstable_by(width, by_score);
+            survivors.truncate(width);
+        }
         let mut kept = vec![false; children.len()];
-        for (rank, &c) in order.iter().enumerate() {
-            if rank < width && children[c].score >= best - depth {
-                kept[c] = true;
-            } else {
-                self.dropped = self.dropped.max(children[c].score - best);
-                break;
-            }
+        survivors.into_iter().for_each(|c| kept[c] = true);
+        for (child, _) in children.iter().zip(&kept).filter(|(_, kept)| !**kept) {
+            self.dropped = self.dropped.max(child.score - best);
         }
         kept
     }
@@ -240,30 +234,30 @@ impl<const N: usize> Hypothesis<N> {
     /// The hypothesis with one more vote; `own` is what the state adds to the covariance of the vote's own bias under the
     /// consensus.
     fn grown(
-        &self,
+        mut self,
         votes: &Votes<N>,
         t: usize,
         forecast: &Forecast<N>,
         own: &SMatrix<f64, N, N>,
         child: Child<N>,
     ) -> Self {
-        let mut next = Self { score: child.score, weight: child.score, ..self.clone() };
-        next.states.push(child.state);
+        (self.score, self.weight) = (child.score, child.score);
+        self.states.push(child.state);
         if let Kind::Cluster { single, .. } = votes.list[t].kind {
-            next.sound_counts.add(single, child.state == State::Good);
+            self.sound_counts.add(single, child.state == State::Good);
         }
         let mut with_biases = forecast.with_biases.clone();
         if let State::Slip(slip) = child.state {
             match self.slips.get(usize::from(slip)) {
-                Some(&joined) => next.biases.share(t, joined, &mut with_biases),
-                None => next.slips.push(next.biases.add(t, *votes.slip.searched(), &mut with_biases)),
+                Some(&joined) => self.biases.share(t, joined, &mut with_biases),
+                None => self.slips.push(self.biases.add(t, *votes.slip.searched(), &mut with_biases)),
             }
         }
         if own.iter().any(|entry| *entry != 0.0) {
-            next.biases.add(t, *own, &mut with_biases);
+            self.biases.add(t, *own, &mut with_biases);
         }
-        next.biases.observe(&child.diagonal, &child.y, &with_biases);
-        next
+        self.biases.observe(&child.diagonal, &child.y, &with_biases);
+        self
     }
 
     /// `K_H⁻¹ ρ`, one block a vote.

@@ -14,7 +14,7 @@ use super::consensus::Expected;
 ///
 /// and by its own biases: a vote is one step of a Kalman filter over `b`. No covariance of biases is inverted, so they
 /// need not be positive.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Biases<const N: usize> {
     /// Which vote has which bias.
     carriers: Vec<(usize, usize)>,
@@ -38,10 +38,6 @@ fn place(l: usize, k: usize) -> usize {
 }
 
 impl<const N: usize> Biases<N> {
-    pub(crate) fn none() -> Self {
-        Self { carriers: Vec::new(), means: Vec::new(), covariance: Vec::new() }
-    }
-
     /// Marks the votes that have a bias.
     pub(crate) fn mark_carriers(&self, carries: &mut [bool]) {
         self.carriers.iter().for_each(|&(t, _)| carries[t] = true);

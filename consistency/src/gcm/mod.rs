@@ -77,7 +77,8 @@
 //! groups of .61 and .78 were sound in .56 and .73 of 2000 such teams. Lowered by `d` no group is promised more than it
 //! keeps, and where many groups judge each other it keeps up to .15 more than promised.
 //!
-//! A beam over the states keeps the Cholesky factor of `K_H` with each hypothesis; with an unlimited beam it is exact.
+//! A beam over the states; with an unlimited beam it is exact. The hypotheses share one Cholesky factor, of the `K_H` of a
+//! consensus, and each has the joint normal of the few biases by which it differs.
 //! Accept from `P ≥ 0.76`, reject up to `0.20`, otherwise **undecided**. Less sure groups, down to `P = 0.69`, are
 //! accepted too, the surest first, as long as the expected share of wrong ones among the accepted set `A` of the team
 //! stays small:
