@@ -2,7 +2,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::SVector;
 
-use super::beam::{Beam, Hypothesis, search};
+use super::beam::{Beam, search};
+use super::consensus::Consensus;
 use super::findings::Findings;
 use super::frames::Frames;
 use super::params::GcmParams;
@@ -85,93 +86,102 @@ fn solve<const N: usize, G: Pose<N>>(
     let frames = Frames::new(reference, evidence.trajectories, &closures, &transforms, &priors);
     let mut votes = Votes::new(evidence, &frames, chosen, is_member);
     // a narrow beam tells whether the linearisation holds
-    let scout = search::<N, G>(&votes, params, params.beam.div_ceil(4))?;
+    let mut consensus = Consensus::new();
+    let scout = search::<N, G>(&votes, &mut consensus, params, params.beam.div_ceil(4))?;
     if let Some(best) = scout.best() {
-        let (moved, metres, radians) = frames.moved(&estimate(&votes, best, robots));
+        let correction = estimate(&votes, &best.solution(&votes, &consensus), robots);
+        let (moved, metres, radians) = frames.moved(&correction);
         if metres > METRES_MOVED || radians > RADIANS_MOVED {
             votes = Votes::new(evidence, &moved, chosen, is_member);
+            consensus = Consensus::new();
         }
     }
-    let beam = search::<N, G>(&votes, params, params.beam)?;
-    let scales = DriftScales::climb::<G>(&mut votes, beam, params)?;
+    let beam = search::<N, G>(&votes, &mut consensus, params, params.beam)?;
+    let scales = DriftScales::climb::<G>(&mut votes, (beam, consensus), params)?;
     let mut findings = Findings::new(chosen.len());
     scales.report::<G>(&mut votes, chosen, &mut findings);
     Ok(findings)
 }
 
-/// The beam with the drift's covariance multiplied by `scale`.
-fn scaled<const N: usize, G: Pose<N>>(
-    votes: &mut Votes<N>,
-    scale: f64,
-    params: &GcmParams,
-    width: usize,
-) -> Result<Beam<N>, Error> {
-    votes.set_drift_scale(scale);
-    search::<N, G>(votes, params, width)
-}
-
 /// The beams under rising scales of the drift's covariance.
 struct DriftScales<const N: usize> {
-    /// Scale, beam, log evidence plus log prior of the scale.
-    runs: Vec<(f64, Beam<N>, f64)>,
+    runs: Vec<Run<N>>,
+}
+
+/// The beam under one scale.
+struct Run<const N: usize> {
+    scale: f64,
+    beam: Beam<N>,
+    consensus: Consensus<N>,
+    /// Log evidence plus log prior of the scale.
+    evidence: f64,
 }
 
 impl<const N: usize> DriftScales<N> {
     /// From the scale 1 of `told` up, the σ doubled each time, until the evidence has fallen for good.
-    fn climb<G: Pose<N>>(votes: &mut Votes<N>, told: Beam<N>, params: &GcmParams) -> Result<Self, Error> {
+    fn climb<G: Pose<N>>(
+        votes: &mut Votes<N>,
+        (told, consensus): (Beam<N>, Consensus<N>),
+        params: &GcmParams,
+    ) -> Result<Self, Error> {
         const LOST: f64 = 6.0;
         // enough to tell the evidence; the best scale is then searched in full
         let width = params.beam.div_ceil(4);
         let evidence = told.log_evidence();
         let mut best = 0;
-        let mut runs = vec![(1.0, told, evidence)];
+        let mut runs = vec![Run { scale: 1.0, beam: told, consensus, evidence }];
         let mut sigma = 2.0f64;
         while sigma <= params.drift_most {
-            let beam = scaled::<N, G>(votes, sigma * sigma, params, width)?;
+            let scale = sigma * sigma;
+            votes.set_drift_scale(scale);
+            let mut consensus = Consensus::new();
+            let beam = search::<N, G>(votes, &mut consensus, params, width)?;
             let evidence = beam.log_evidence() - params.drift_doubt * sigma.log2();
-            runs.push((sigma * sigma, beam, evidence));
-            if evidence > runs[best].2 {
+            runs.push(Run { scale, beam, consensus, evidence });
+            if evidence > runs[best].evidence {
                 best = runs.len() - 1;
-            } else if evidence < runs[best].2 - LOST {
+            } else if evidence < runs[best].evidence - LOST {
                 break;
             }
             sigma *= 2.0;
         }
         if best > 0 {
-            runs[best].1 = scaled::<N, G>(votes, runs[best].0, params, params.beam)?;
+            let Run { scale, beam, consensus, .. } = &mut runs[best];
+            votes.set_drift_scale(*scale);
+            *beam = search::<N, G>(votes, consensus, params, params.beam)?;
         }
         Ok(Self { runs })
     }
 
     fn report<G: Pose<N>>(&self, votes: &mut Votes<N>, chosen: &[usize], findings: &mut Findings) {
-        let best = self.runs.iter().map(|run| run.2).fold(f64::NEG_INFINITY, f64::max);
-        let total: f64 = self.runs.iter().map(|run| (run.2 - best).exp()).sum();
-        for (scale, beam, evidence) in &self.runs {
+        let best = self.runs.iter().map(|run| run.evidence).fold(f64::NEG_INFINITY, f64::max);
+        let total: f64 = self.runs.iter().map(|run| (run.evidence - best).exp()).sum();
+        for Run { scale, beam, consensus, evidence } in &self.runs {
             findings.add(votes, chosen, beam, (evidence - best).exp() / total);
             if *evidence == best {
                 votes.set_drift_scale(*scale);
                 findings.dropped = findings.dropped.max(beam.dropped);
                 findings.drift_scale = findings.drift_scale.max(*scale);
                 if let Some(hypothesis) = beam.best() {
-                    findings.add_slips::<N, G>(votes, chosen, hypothesis);
+                    let solution = hypothesis.solution(votes, consensus);
+                    findings.add_slips::<N, G>(votes, chosen, hypothesis, &solution);
                 }
             }
         }
     }
 }
 
-/// Posterior mean of each robot's map correction δ.
+/// Posterior mean of each robot's map correction δ, from `K_H⁻¹ ρ`.
 fn estimate<const N: usize>(
     votes: &Votes<N>,
-    best: &Hypothesis<N>,
+    solution: &[SVector<f64, N>],
     robots: &BTreeSet<u32>,
 ) -> BTreeMap<u32, SVector<f64, N>> {
-    let solution = best.solution();
     let of = |robot: u32| {
         let sum = votes
             .list
             .iter()
-            .zip(&solution)
+            .zip(solution)
             .fold(SVector::zeros(), |sum: SVector<f64, N>, (vote, x)| sum + x * votes.sign(vote, robot));
         votes.base * sum
     };

@@ -83,16 +83,16 @@ impl Findings {
         }
     }
 
-    /// Adds the slips of the best hypothesis.
+    /// Adds the slips of the best hypothesis, from its `K_H⁻¹ ρ`.
     pub(crate) fn add_slips<const N: usize, G: Pose<N>>(
         &mut self,
         votes: &Votes<N>,
         chosen: &[usize],
         best: &Hypothesis<N>,
+        solution: &[SVector<f64, N>],
     ) {
-        let solution = best.solution();
         let mut slips: BTreeMap<State, (SVector<f64, N>, Vec<usize>)> = BTreeMap::new();
-        for ((vote, state), x) in votes.list.iter().zip(&best.states).zip(&solution) {
+        for ((vote, state), x) in votes.list.iter().zip(&best.states).zip(solution) {
             if let (Kind::Cluster { cluster, .. }, State::Slip(_)) = (&vote.kind, state) {
                 let slip = slips.entry(*state).or_insert((SVector::zeros(), Vec::new()));
                 slip.0 += votes.slip.searched() * x;

@@ -77,7 +77,8 @@
 //! groups of .61 and .78 were sound in .56 and .73 of 2000 such teams. Lowered by `d` no group is promised more than it
 //! keeps, and where many groups judge each other it keeps up to .15 more than promised.
 //!
-//! A beam over the states keeps the Cholesky factor of `K_H` with each hypothesis; with an unlimited beam it is exact.
+//! A beam over the states; with an unlimited beam it is exact. The hypotheses share one Cholesky factor, of the `K_H` of a
+//! consensus, and each has the joint normal of the few biases by which it differs.
 //! Accept from `P ≥ 0.76`, reject up to `0.20`, otherwise **undecided**. Less sure groups, down to `P = 0.69`, are
 //! accepted too, the surest first, as long as the expected share of wrong ones among the accepted set `A` of the team
 //! stays small:
@@ -106,8 +107,11 @@
 //! * Slips that follow the prior's error agree with it: register from several starts, or lower `prior_sound`.
 //! * A slip smaller than the drift between groups is invisible: close own loops first.
 mod beam;
+mod biases;
 mod block;
+mod block_product;
 mod clusters;
+mod consensus;
 mod discount;
 #[cfg(test)]
 mod exact_tests;
@@ -126,6 +130,7 @@ mod problem;
 #[cfg(test)]
 mod residual_tests;
 mod slips;
+mod state_prior;
 mod verdict;
 mod votes;
 

@@ -11,6 +11,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::beam::{State, search};
 use super::clusters::Cluster;
+use super::consensus::Consensus;
 use super::findings::Findings;
 use super::frames::Frames;
 use super::params::GcmParams;
@@ -177,7 +178,7 @@ fn informed(votes: &Votes<3>, params: &Harbor, heading: f64) -> Vec<f64> {
 
 /// The posterior of the model.
 fn by_model(votes: &Votes<3>, params: &GcmParams) -> Vec<f64> {
-    let beam = search::<3, Isometry2<f64>>(votes, params, params.beam).unwrap();
+    let beam = search::<3, Isometry2<f64>>(votes, &mut Consensus::new(), params, params.beam).unwrap();
     let best = beam.best().unwrap().weight;
     let total: f64 = beam.hypotheses.iter().map(|h| (h.weight - best).exp()).sum();
     let of = |t: usize| {

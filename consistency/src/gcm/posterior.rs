@@ -61,7 +61,8 @@ pub struct GroupPosterior {
 /// Unknown poses, bad poses, covariances or priors, parameters outside their range; [`Error::VoteCovariance`] when
 /// the drift covariances are no covariance together.
 ///
-/// Cost for `B` hypotheses and blocks of `G` clusters: `O(B G (N G)²)`, less what hypotheses share.
+/// Cost for `B` hypotheses and blocks of `G` clusters, of which hypotheses take `m` for slipped and differ in `d` others:
+/// `O((N G)³ + B G (N (m + d))²)`.
 pub fn gcm<const N: usize, G: Pose<N>>(
     trajectories: &Trajectories<G, N>,
     closures: &[Closure<G, N>],
