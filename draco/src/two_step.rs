@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use draco_lie::LieGroup;
 use draco_pgo::distributed::{Link, Neighbour, TwoStepVariant, two_step};
-use draco_pgo::{Kernel, Key, PoseGraph2, Solution, SolveParams, Start, solve};
+use draco_pgo::{Kernel, Key, PoseGraph2, SolveParams, Start, solve};
 use nalgebra::{Isometry2, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -235,7 +235,7 @@ impl TeamProblem<'_> {
             let star = self.graph_of(&placements, |closure| spokes.contains(&closure.robots()))?;
             graph.update(&solve(&star, &first)?);
         }
-        Ok(estimate(&solve(&graph, &second)?))
+        Ok(estimate(solve(&graph, &second)?.poses()))
     }
 
     /// The pairs of robots whose closures make the star: those of the reference, and for each robot that it has not met
@@ -287,11 +287,7 @@ impl TeamProblem<'_> {
         }
         let own = self.graphs.get(&self.reference).ok_or(Error::NoRobots)?.pose_graph(self.reference)?;
         let solution = two_step(&own, &links, &neighbours, &variant, &SolveParams::default())?;
-        let mut trajectories: BTreeMap<RobotId, Vec<Isometry2<f64>>> = BTreeMap::new();
-        for (key, pose) in solution.own.iter().chain(&solution.neighbours) {
-            trajectories.entry(key.robot).or_default().push(*pose);
-        }
-        Ok(TeamEstimate { trajectories })
+        Ok(estimate(solution.own.iter().chain(&solution.neighbours).map(|(key, pose)| (*key, pose))))
     }
 
     /// A closure as a link; it starts at the reference if it touches it.
@@ -318,14 +314,14 @@ impl TeamProblem<'_> {
     /// # Errors
     /// Those of [`TeamProblem::graph`] and of the solver.
     pub fn solve_full(&self) -> Result<TeamEstimate, Error> {
-        Ok(estimate(&solve(&self.graph()?, &SolveParams::default())?))
+        Ok(estimate(solve(&self.graph()?, &SolveParams::default())?.poses()))
     }
 }
 
-/// The poses of a solved graph of the team.
-fn estimate(solution: &Solution<Isometry2<f64>>) -> TeamEstimate {
+/// The estimate of these poses, which ascend by key within each robot.
+fn estimate<'a>(poses: impl Iterator<Item = (Key, &'a Isometry2<f64>)>) -> TeamEstimate {
     let mut trajectories: BTreeMap<RobotId, Vec<Isometry2<f64>>> = BTreeMap::new();
-    for (key, pose) in solution.poses() {
+    for (key, pose) in poses {
         trajectories.entry(key.robot).or_default().push(*pose);
     }
     TeamEstimate { trajectories }
@@ -340,7 +336,7 @@ mod tests {
     use super::*;
     use crate::message::FactorEntry;
 
-    /// A robot with five keyframes in a row, and closures of pairs of robots at given keyframes.
+    /// A robot with five keyframes in a row.
     fn row() -> RobotGraph {
         let step = |from| FactorEntry {
             from,
