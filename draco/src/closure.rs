@@ -38,10 +38,17 @@ pub struct ClosureParams {
     /// Factor on the matcher's covariance. Default 1.3: both submaps are bent, which the posterior does not know. With it
     /// the mean normalised error of accepted closures is 0.5 to 1.2 in the scenarios.
     pub covariance_factor: f64,
+    /// Scale of the Cauchy kernel, in standard deviations, on closures that a test of the published system passes, and on
+    /// those that `gcm` passes but the team's estimate speaks against. Default 1, as published: some are wrong.
+    pub cauchy: f64,
+    /// The same on closures that `gcm` believes and the team's estimate bears out. Default 2.385, which keeps 95 % of the
+    /// efficiency where all errors are normal (Z. Zhang, *Parameter estimation techniques*, 1997, table 1).
+    pub cauchy_believed: f64,
     /// Farthest that an accepted closure may be from the team's estimate, in medians of how far the accepted ones are, in
-    /// position and in heading; one beyond is taken back. Default 4.5: of normal errors, one heading in four hundred.
+    /// position and in heading; one beyond is no longer believed. Default 4.5: of normal errors, one heading in four hundred.
     pub max_residual_medians: f64,
-    /// The same in metres, whatever the median. Default 2.5 m, past which a closure does not count as right.
+    /// The same in metres, whatever the median; one beyond is taken back. Default 2.5 m, past which a closure does not count
+    /// as right.
     pub max_residual: f64,
     /// The same in heading, radians. Default 2°: short of the 2.5° past which a closure does not count as right, since the
     /// estimate's own headings are good to half a degree.
@@ -63,6 +70,8 @@ impl Default for ClosureParams {
             min_score: 0.45,
             max_far_ratio: 0.95,
             covariance_factor: 1.3,
+            cauchy: 1.0,
+            cauchy_believed: 2.385,
             max_residual_medians: 4.5,
             max_residual: 2.5,
             max_residual_angle: 2f64.to_radians(),

@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 use crate::error::Error;
 
 /// Changes whenever the layout of a state does.
-const MAGIC: [u8; 8] = *b"draco-07";
+const MAGIC: [u8; 8] = *b"draco-08";
 const HASH_BYTES: usize = 32;
 
 /// The bytes of a state file that holds `state`.

@@ -17,9 +17,6 @@ use crate::message::{ClosureEntry, KeyframeId};
 use crate::placement::{Implied, medoid};
 use crate::robot_graph::RobotGraph;
 
-/// Kernel of closures between robots. A consistency test has passed them, but a test can be wrong.
-pub const CLOSURE_KERNEL: Kernel = Kernel::Cauchy(1.0);
-
 /// Poses of several robots in the map frame of one of them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct TeamEstimate {
@@ -118,8 +115,15 @@ pub struct TeamProblem<'a> {
     pub reference: RobotId,
     /// The robots' own graphs. Those that no chain of closures joins to the reference are left out.
     pub graphs: BTreeMap<RobotId, &'a RobotGraph>,
-    /// Accepted closures.
+    /// Closures to believe. They alone say which robots are in one frame and where their maps start from.
     pub closures: &'a [ClosureEntry],
+    /// Kernel on those.
+    pub kernel: Kernel,
+    /// Closures that the others speak against, but not so much that they are wrong for certain. They pull, and join nobody.
+    /// Left out of [`Optimisation::AsCoded`].
+    pub doubtful: &'a [ClosureEntry],
+    /// Kernel on those.
+    pub doubtful_kernel: Kernel,
 }
 
 impl TeamProblem<'_> {
@@ -172,7 +176,7 @@ impl TeamProblem<'_> {
         self.graphs.get(&keyframe.robot)?.poses().get(keyframe.index as usize).copied()
     }
 
-    /// The graph of the whole team: every robot's own factors once, and the closures under [`CLOSURE_KERNEL`].
+    /// The graph of the whole team: every robot's own factors once, and the closures, each under its kernel.
     ///
     /// # Errors
     /// A factor or closure that cannot be added, which names it.
@@ -192,7 +196,9 @@ impl TeamProblem<'_> {
                 own.add_to(&mut graph, robot, place)?;
             }
         }
-        for closure in self.closures.iter().filter(|closure| wanted(closure)) {
+        let believed = self.closures.iter().map(|closure| (closure, self.kernel));
+        let doubtful = self.doubtful.iter().map(|closure| (closure, self.doubtful_kernel));
+        for (closure, kernel) in believed.chain(doubtful).filter(|(closure, _)| wanted(closure)) {
             let (a, b) = closure.robots();
             if !(self.knows(closure) && placements.contains_key(&a) && placements.contains_key(&b)) {
                 continue;
@@ -203,7 +209,7 @@ impl TeamProblem<'_> {
                 from: target.index,
                 to: source.index,
             })?;
-            graph.add_between(key(target), key(source), closure.measured, information, CLOSURE_KERNEL)?;
+            graph.add_between(key(target), key(source), closure.measured, information, kernel)?;
         }
         graph.set_fixed(Key::new(self.reference, 0), true)?;
         Ok(graph)
@@ -305,7 +311,7 @@ impl TeamProblem<'_> {
             neighbour: key(neighbour),
             measured,
             information: covariance.try_inverse().ok_or_else(error)?,
-            kernel: CLOSURE_KERNEL,
+            kernel: self.kernel,
         })
     }
 
@@ -348,6 +354,14 @@ mod tests {
         RobotGraph::from_map((0..4).map(step).collect(), poses)
     }
 
+    fn problem<'a>(
+        graphs: BTreeMap<RobotId, &'a RobotGraph>,
+        closures: &'a [ClosureEntry],
+    ) -> TeamProblem<'a> {
+        let kernel = Kernel::Cauchy(1.0);
+        TeamProblem { reference: 1, graphs, closures, kernel, doubtful: &[], doubtful_kernel: kernel }
+    }
+
     fn closure(target: (RobotId, u32), source: (RobotId, u32), x: f64) -> ClosureEntry {
         let id = |(robot, index)| KeyframeId { robot, index };
         ClosureEntry {
@@ -370,7 +384,7 @@ mod tests {
         // a keyframe that nobody has told of
         closures.extend((0..4).map(|k| closure((5, 9), (3, k), 0.0)));
         let graphs = (1..=7).map(|robot| (robot, &graph)).collect();
-        let problem = TeamProblem { reference: 1, graphs, closures: &closures };
+        let problem = problem(graphs, &closures);
         let reached = [(1, 2), (1, 3), (3, 4), (4, 5)];
         assert_eq!(problem.spokes(), BTreeSet::from(reached));
     }
@@ -385,7 +399,7 @@ mod tests {
             })
             .collect();
         let graphs = (1..=3).map(|robot| (robot, &graph)).collect();
-        let problem = TeamProblem { reference: 1, graphs, closures: &closures };
+        let problem = problem(graphs, &closures);
         let [two, full] = [Optimisation::TwoStep, Optimisation::Full]
             .map(|way| problem.solve(way).expect("a sound graph").keyed_poses().collect::<Vec<_>>());
         assert_eq!(two.len(), 15);
@@ -411,7 +425,7 @@ mod tests {
             closure((3, 4), (2, 4), 5.0),
         ];
         let graphs = (1..=4).map(|robot| (robot, &graph)).collect();
-        let problem = TeamProblem { reference: 1, graphs, closures: &closures };
+        let problem = problem(graphs, &closures);
         let placed = problem.placements();
         let x = |robot: RobotId| placed.get(&robot).map(|place| place.translation.x.round());
         assert_eq!([1, 2, 3, 4].map(x), [Some(0.0), Some(10.0), Some(5.0), None]);
@@ -420,5 +434,24 @@ mod tests {
             let pose = team.pose(id(2, 0)).expect("robot 2 is joined");
             assert!((pose.translation.x - 10.0).abs() < 0.1, "{optimisation}: {pose}");
         }
+    }
+
+    #[test]
+    fn doubtful_closures_pull_but_join_nobody() {
+        let graph = row();
+        let closures: Vec<_> = (0..4).map(|k| closure((1, k), (2, k), 10.0)).collect();
+        let doubtful: Vec<_> =
+            (0..4).flat_map(|k| [closure((1, k), (2, k), 10.3), closure((1, k), (3, k), 5.0)]).collect();
+        let graphs = || (1..=3).map(|robot| (robot, &graph)).collect();
+        let x_of_2 = |doubtful: &[ClosureEntry]| {
+            let team = TeamProblem { doubtful, ..problem(graphs(), &closures) }
+                .solve(Optimisation::Full)
+                .expect("a sound graph");
+            assert_eq!(team.robots().collect::<Vec<_>>(), [1, 2]);
+            team.pose(KeyframeId { robot: 2, index: 0 }).expect("robot 2 is joined").translation.x
+        };
+        let (without, with) = (x_of_2(&[]), x_of_2(&doubtful));
+        assert!((without - 10.0).abs() < 1e-6, "{without}");
+        assert!(10.01 < with && with < 10.15, "{with}");
     }
 }

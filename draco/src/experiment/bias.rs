@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 
 use draco_consistency::PoseKey;
 use draco_consistency::simulate::{Harbor, Label, SimulatedTeam, harbor};
+use draco_pgo::Kernel;
 use nalgebra::{Isometry2, Matrix3, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -9,6 +10,7 @@ use rayon::prelude::*;
 
 use super::missions::mean;
 use super::{Cell, Figure, Outcome, Settings, Table};
+use crate::closure::ClosureParams;
 use crate::consistency::{Evidence, Method, select};
 use crate::error::Error;
 use crate::message::{ClosureEntry, FactorEntry, KeyframeId};
@@ -170,7 +172,11 @@ fn starts(
         .collect();
     let reference = evidence.reference;
     let graphs = graphs.iter().map(|(&robot, graph)| (robot, graph)).collect();
-    let team = TeamProblem { reference, graphs, closures: &closures }.solve_full()?;
+    // one kernel for all tests: what they choose is compared here, and nothing else
+    let kernel = Kernel::Cauchy(ClosureParams::default().cauchy);
+    let (doubtful, doubtful_kernel) = (&[], kernel);
+    let problem = TeamProblem { reference, graphs, closures: &closures, kernel, doubtful, doubtful_kernel };
+    let team = problem.solve_full()?;
     let aligned = evidence.map_transforms.iter().filter(|place| place.target == reference);
     let mut starts: BTreeMap<u32, Isometry2<f64>> =
         aligned.map(|place| (place.source, place.target_from_source)).collect();

@@ -24,7 +24,7 @@ use crate::two_step::Optimisation;
 /// - registrations outlive the match they were made under;
 /// - keyframes within 40 m (harbor) or 20 m (wreck) are candidates; one scan of at least 30 points is registered in
 ///   seven (the window the code means to take), without a test for rivals;
-/// - the team is estimated in the two steps of the code.
+/// - the team is estimated in the two steps of the code, closures under a Cauchy kernel of scale 1.
 ///
 /// Set for our points, half a metre apart, where the published objects are made of dense pixels: objects count from 2 m
 /// on instead of 3, which would leave no group of piles, and scans of the wreck from 30 points on instead of 100.
@@ -34,7 +34,7 @@ use crate::two_step::Optimisation;
 /// each of the partner's; each pair once, whatever came of it (published: failed pairs are tried again under every new
 /// match); the team's estimate as the place of a merged map (published: the raw match); a second match before the first
 /// counts; PCM with both covariances; closures judged anew at every step; the link with its traffic. With `gcm` comes
-/// what belongs to it: closures far from the team's estimate are taken back.
+/// what belongs to it: closures far from the team's estimate are no longer believed, or taken back.
 pub(super) fn settings(scenario: Scenario) -> RobotParams {
     let max_distance = match scenario {
         Scenario::Harbor => 40.0,
@@ -58,6 +58,7 @@ pub(super) fn settings(scenario: Scenario) -> RobotParams {
             source_half: 0,
             target_half: 3,
             max_far_ratio: f64::INFINITY,
+            cauchy_believed: 1.0,
             ..ClosureParams::default()
         },
         optimisation: Optimisation::AsCoded,
@@ -69,7 +70,8 @@ pub(super) fn settings(scenario: Scenario) -> RobotParams {
 const METHODS: [Method; 3] = [Method::Pcm, Method::GcmPooled, Method::Gcm];
 
 fn published(method: Method) -> Variant {
-    Variant { front_end: FrontEnd::Published, method, way: Optimisation::AsCoded }
+    let (front_end, way) = (FrontEnd::Published, Optimisation::AsCoded);
+    Variant { front_end, way, ..Variant::ours(method) }
 }
 
 /// Both scenarios with the published system under PCM, the pooled rule and `gcm`, and with all of ours.

@@ -28,16 +28,17 @@ impl Robot {
         }
         if entries.is_empty() {
             self.accepted.clear();
+            self.doubtful.clear();
             self.team = TeamEstimate::alone(self.id, self.local.poses());
             return Ok(());
         }
-        let before = std::mem::take(&mut self.accepted);
+        let before = (std::mem::take(&mut self.accepted), std::mem::take(&mut self.doubtful));
         if let Err(error) = self.judge_and_estimate(&own_graph, &entries) {
             let other =
                 |e: &ClosureEntry| [e.source.robot, e.target.robot].into_iter().find(|r| *r != self.id);
             let Some(partner) = entries.iter().find_map(other) else { return Err(error) };
             self.give_up(partner, &error, now);
-            self.accepted = before;
+            (self.accepted, self.doubtful) = before;
         }
         Ok(())
     }

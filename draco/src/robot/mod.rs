@@ -125,6 +125,8 @@ pub struct Robot {
     proposals: BTreeMap<(KeyframeId, KeyframeId), Proposal>,
     /// Accepted closures of all robots, as they are in the team's graph.
     accepted: Vec<ClosureEntry>,
+    /// Closures that were accepted until the team's estimate spoke against them; in the graph under a narrow kernel.
+    doubtful: Vec<ClosureEntry>,
     team: TeamEstimate,
     events: Vec<AlignmentEvent>,
     outbox: Outbox,
@@ -152,6 +154,7 @@ impl Robot {
             partners: BTreeMap::new(),
             proposals: BTreeMap::new(),
             accepted: Vec::new(),
+            doubtful: Vec::new(),
             team: TeamEstimate::alone(id, &[]),
             events: Vec::new(),
             outbox: Outbox::default(),

@@ -2,12 +2,14 @@
 
 use std::time::Instant;
 
-use draco_pgo::Key;
 use draco_pgo::io::g2o;
+use draco_pgo::{Kernel, Key};
 
 use nalgebra::Isometry2;
 
 use super::Robot;
+use crate::closure::ClosureParams;
+use crate::consistency::Method;
 use crate::error::Error;
 use crate::keyframe::RobotId;
 use crate::report::{ClosureReport, KeyframeRef, Matched, ObjectReport};
@@ -142,7 +144,16 @@ impl Robot {
         let mut graphs: std::collections::BTreeMap<_, _> =
             self.partners.iter().map(|(&id, p)| (id, &p.graph)).collect();
         graphs.insert(self.id, own);
-        TeamProblem { reference: self.id, graphs, closures: &self.accepted }
+        let ClosureParams { cauchy, cauchy_believed, .. } = self.params.closure;
+        let kernel = if self.params.method == Method::Gcm { cauchy_believed } else { cauchy };
+        TeamProblem {
+            reference: self.id,
+            graphs,
+            closures: &self.accepted,
+            kernel: Kernel::Cauchy(kernel),
+            doubtful: &self.doubtful,
+            doubtful_kernel: Kernel::Cauchy(cauchy),
+        }
     }
 }
 

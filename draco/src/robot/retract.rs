@@ -14,32 +14,43 @@ const LEAST_RESIDUAL: f64 = 0.25;
 const LEAST_RESIDUAL_ANGLE: f64 = 0.0125;
 
 impl Robot {
-    /// Takes back accepted closures that are too far from the team's estimate. Returns whether there were any.
+    /// Takes back accepted closures that are too far from the team's estimate, and doubts those that are far. Returns whether
+    /// there were any.
     ///
     /// A consistency test asks whether closures agree within their covariances. One that is off by more than it is good
-    /// for, but says so, passes it; seen against all others it shows. Taken back is not forgotten: the next estimate
-    /// judges it again.
+    /// for, but says so, passes it; seen against all others it shows. Most of those that are merely far are right, and the
+    /// estimate is wrong there, so they stay in the graph, undecided, under the kernel of closures that may be wrong. Nothing
+    /// is forgotten: the next estimate judges all again.
     pub(super) fn retract_contradicted(&mut self) -> bool {
-        let kept = kept(&self.accepted, &self.team, &self.params.closure);
+        let verdicts = verdicts(&self.accepted, &self.team, &self.params.closure);
         let all = std::mem::take(&mut self.accepted);
         let before = all.len();
-        for (closure, kept) in all.into_iter().zip(kept) {
-            if kept {
-                self.accepted.push(closure);
-            } else if let Some(proposal) = self.proposals.get_mut(&(closure.source, closure.target)) {
-                proposal.decision = Decision::Rejected;
-                proposal.reason = "the team's estimate contradicts it".into();
+        for (closure, verdict) in all.into_iter().zip(verdicts) {
+            let (decision, reason) = match verdict {
+                Decision::Accepted => {
+                    self.accepted.push(closure);
+                    continue;
+                }
+                Decision::Undecided => (verdict, "far from the team's estimate"),
+                Decision::Rejected => (verdict, "the team's estimate contradicts it"),
+            };
+            if let Some(proposal) = self.proposals.get_mut(&(closure.source, closure.target)) {
+                proposal.decision = decision;
+                proposal.reason = reason.into();
+            }
+            if decision == Decision::Undecided {
+                self.doubtful.push(closure);
             }
         }
         self.accepted.len() < before
     }
 }
 
-/// Which closures are near enough to the estimate; those between poses it does not hold are.
+/// Which closures the estimate bears out, doubts and contradicts; it bears out those between poses it does not hold.
 ///
-/// What is near is measured by what most closures are off: the estimate's own error and the registrations' both show in
+/// What is far is measured by what most closures are off: the estimate's own error and the registrations' both show in
 /// that, and a single covariance tells neither whether its map is bent nor whether its match slid.
-fn kept(closures: &[ClosureEntry], team: &TeamEstimate, params: &ClosureParams) -> Vec<bool> {
+fn verdicts(closures: &[ClosureEntry], team: &TeamEstimate, params: &ClosureParams) -> Vec<Decision> {
     let residuals: Vec<Option<[f64; 2]>> = closures.iter().map(|c| residual(c, team)).collect();
     let limit = |of: usize, least: f64, most: f64| {
         let mut sizes: Vec<f64> = residuals.iter().flatten().map(|r| r[of]).collect();
@@ -49,7 +60,16 @@ fn kept(closures: &[ClosureEntry], team: &TeamEstimate, params: &ClosureParams) 
     };
     let position = limit(0, LEAST_RESIDUAL, params.max_residual);
     let angle = limit(1, LEAST_RESIDUAL_ANGLE, params.max_residual_angle);
-    residuals.into_iter().map(|r| r.is_none_or(|[p, a]| p <= position && a <= angle)).collect()
+    let verdict = |[p, a]: [f64; 2]| {
+        if p <= position && a <= angle {
+            Decision::Accepted
+        } else if p <= params.max_residual && a <= params.max_residual_angle {
+            Decision::Undecided
+        } else {
+            Decision::Rejected
+        }
+    };
+    residuals.into_iter().map(|r| r.map_or(Decision::Accepted, verdict)).collect()
 }
 
 /// What a closure and the estimate differ by: metres, radians.
@@ -74,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_far_from_the_estimate_goes_and_the_rest_stays() {
+    fn what_lies_far_from_the_estimate_is_doubted_and_what_contradicts_it_goes() {
         let off = [
             [0.3, 0.0, 0.0],
             [0.0, -0.3, 0.01],
@@ -82,13 +102,18 @@ mod tests {
             [0.2, 0.2, 0.0],
             [0.1, 0.1, 0.05],
             [0.3, 0.1, 0.02],
+            [1.8, 0.0, 0.0],
         ];
         let mut closures: Vec<_> = (0..).zip(off).map(|(k, off)| closure(k, off)).collect();
         // between poses that the estimate does not hold
         closures.push(closure(99, [9.0, 0.0, 0.0]));
         let poses = vec![Isometry2::identity(); 10];
         let team = TeamEstimate::from_trajectories([(1, poses.clone()), (2, poses)]);
-        let kept = kept(&closures, &team, &ClosureParams::default());
-        assert_eq!(kept, [true, true, false, true, false, true, true]);
+        let verdicts = verdicts(&closures, &team, &ClosureParams::default());
+        use Decision::{Accepted, Rejected, Undecided};
+        assert_eq!(
+            verdicts,
+            [Accepted, Accepted, Rejected, Accepted, Rejected, Accepted, Undecided, Accepted]
+        );
     }
 }
