@@ -195,7 +195,7 @@ mod tests {
             keyframe: 3,
             points: vec![Point2::new(1.0, 2.0), Point2::new(1.1, 2.0), Point2::new(-0.5, 2.5)],
         };
-        let golden = [255, 4, 3, 40, 2, 0, 20, 1, 0, 5, 9, 0];
+        let golden = [255, 4, 3, 1, 9, 40, 5, 6, 19, 181, 187, 224, 206, 250];
         assert_eq!(frame(scan).encode().unwrap(), golden);
     }
 

@@ -7,6 +7,7 @@
 //! [`transport`](crate::transport).
 
 mod frame;
+mod quadtree;
 mod quantise;
 
 pub use frame::{BROADCAST, Frame, WireError};

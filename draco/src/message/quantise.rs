@@ -1,13 +1,11 @@
 //! From SI units to whole numbers and back, and the shape of a message on the wire.
 
-use std::collections::BTreeSet;
-
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::{
     CellUpdate, ClosureEntry, FactorEntry, GraphUpdate, KeyframeId, MapPlace, Message, ObjectEntry,
-    ObjectUpdate, WireError,
+    ObjectUpdate, WireError, quadtree,
 };
 use crate::keyframe::RobotId;
 
@@ -48,19 +46,16 @@ pub(super) struct WireCovariance {
     partial: [i8; 3],
 }
 
+/// A set of cells; `None` is the empty one.
 #[derive(Serialize, Deserialize)]
-pub(super) struct WireRow {
-    /// Rows skipped since the last one.
-    skip: u32,
-    /// First column, then gaps between columns.
-    first: i32,
-    gaps: Vec<u32>,
-}
+pub(super) struct WireCells(Option<WireTree>);
 
 #[derive(Serialize, Deserialize)]
-pub(super) struct WireCells {
-    first_row: i32,
-    rows: Vec<WireRow>,
+pub(super) struct WireTree {
+    /// Lowest column and row.
+    corner: [i32; 2],
+    levels: u8,
+    code: Vec<u8>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -184,44 +179,34 @@ impl WireCovariance {
 
 impl WireCells {
     /// `cells` as `[column, row]` in any order; equal ones are written once.
-    fn new(cells: impl Iterator<Item = [i32; 2]>) -> Self {
-        let sorted: BTreeSet<(i32, i32)> = cells.map(|[column, row]| (row, column)).collect();
-        let first_row = sorted.first().map_or(0, |c| c.0);
-        let mut rows: Vec<WireRow> = Vec::new();
-        let mut last = (first_row, 0);
-        for (row, column) in sorted {
-            match rows.last_mut() {
-                Some(current) if row == last.0 => current.gaps.push(column.wrapping_sub(last.1) as u32 - 1),
-                _ => rows.push(WireRow {
-                    skip: row.wrapping_sub(last.0) as u32,
-                    first: column,
-                    gaps: Vec::new(),
-                }),
-            }
-            last = (row, column);
-        }
-        WireCells { first_row, rows }
+    fn new(cells: impl Iterator<Item = [i32; 2]>) -> Result<Self, WireError> {
+        let cells: Vec<[i32; 2]> = cells.collect();
+        let lowest = |k: usize| cells.iter().map(|cell| cell[k]).min();
+        let Some(corner) = lowest(0).zip(lowest(1)).map(|(column, row)| [column, row]) else {
+            return Ok(WireCells(None));
+        };
+        let offset = |cell: &[i32; 2]| [0, 1].map(|k| cell[k].wrapping_sub(corner[k]) as u32);
+        let what = "more than 65536 cells, or cells too far apart";
+        let (levels, code) = quadtree::encode(cells.iter().map(offset)).ok_or(WireError::Value { what })?;
+        Ok(WireCells(Some(WireTree { corner, levels, code })))
     }
 
     /// The cells, of edge `size` metres, again, ascending in row and then column.
     fn cells(&self, size: f64) -> Result<Vec<[i32; 2]>, WireError> {
+        let Some(WireTree { corner, levels, code }) = &self.0 else { return Ok(Vec::new()) };
         let error = || WireError::Value { what: "a cell too far out" };
         let is_far = |index: i32| f64::from(index).abs() * size > MAX_LENGTH_M;
-        let mut cells = Vec::new();
-        let mut row = self.first_row;
-        for entry in &self.rows {
-            row = row.checked_add_unsigned(entry.skip).ok_or_else(error)?;
-            let mut column = entry.first;
-            cells.push([column, row]);
-            for gap in &entry.gaps {
-                column =
-                    column.checked_add_unsigned(*gap).and_then(|c| c.checked_add(1)).ok_or_else(error)?;
-                cells.push([column, row]);
-            }
+        let offsets = quadtree::decode(*levels, code)
+            .map_err(|_| WireError::Value { what: "a set of cells that is none" })?;
+        let mut cells = Vec::with_capacity(offsets.len());
+        for [column, row] in offsets {
+            let column = corner[0].checked_add_unsigned(column).ok_or_else(error)?;
+            cells.push([column, corner[1].checked_add_unsigned(row).ok_or_else(error)?]);
         }
         if cells.iter().flatten().any(|index| is_far(*index)) {
             return Err(error());
         }
+        cells.sort_unstable_by_key(|[column, row]| (*row, *column));
         Ok(cells)
     }
 }
@@ -281,8 +266,8 @@ impl WireMessage {
                     .filter(|size| *size > 0)
                     .ok_or(WireError::Value { what: "the size of a cell" })?,
                 keyframes: update.keyframes,
-                added: WireCells::new(update.added.iter().copied()),
-                removed: WireCells::new(update.removed.iter().copied()),
+                added: WireCells::new(update.added.iter().copied())?,
+                removed: WireCells::new(update.removed.iter().copied())?,
             },
             Message::Graph(update) => WireMessage::Graph {
                 keyframes: update.keyframes,
@@ -296,7 +281,7 @@ impl WireMessage {
                     let column = steps(p.x, Resolution::SCAN_M, "x of a point")?;
                     cells.push([column, steps(p.y, Resolution::SCAN_M, "y of a point")?]);
                 }
-                WireMessage::Scan { keyframe: *keyframe, cells: WireCells::new(cells.into_iter()) }
+                WireMessage::Scan { keyframe: *keyframe, cells: WireCells::new(cells.into_iter())? }
             }
             Message::Closures { found, withdrawn } => WireMessage::Closures {
                 found: found.iter().map(closure_to_wire).collect::<Result<_, _>>()?,

@@ -102,7 +102,7 @@ mod tests {
             [0.2, 0.2, 0.0],
             [0.1, 0.1, 0.05],
             [0.3, 0.1, 0.02],
-            [1.8, 0.0, 0.0],
+            [1.8, 0.0, 0.01],
         ];
         let mut closures: Vec<_> = (0..).zip(off).map(|(k, off)| closure(k, off)).collect();
         // between poses that the estimate does not hold

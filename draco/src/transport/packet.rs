@@ -7,7 +7,7 @@ use crate::keyframe::RobotId;
 use crate::message::{BROADCAST, WireError};
 
 /// Version of the wire format; the first byte of every packet.
-pub const VERSION: u8 = 3;
+pub const VERSION: u8 = 4;
 
 /// Bytes of the tag at the end of every packet: a forger who tries one a millisecond succeeds once in half a billion
 /// years.
