@@ -155,7 +155,7 @@ mod tests {
     fn the_wire_format_has_not_changed() {
         let key = TeamKey::from_phrase("golden");
         let bytes = packet().encode(&key).unwrap();
-        assert_eq!(bytes[..9], [3, 3, 1, 1, 172, 2, 7, 8, 9]);
+        assert_eq!(bytes[..9], [4, 3, 1, 1, 172, 2, 7, 8, 9]);
         assert_eq!(bytes[9..], key.tag(&bytes[..9]));
         assert_eq!(Packet::decode(&bytes, &key), Ok(packet()));
         assert!(bytes.len() - 3 <= OVERHEAD_BYTES);
