@@ -134,7 +134,7 @@ impl ReceivedMaps {
         if update.whole && update.version > self.cell_version {
             self.cells.clear();
             self.asked = false;
-        } else if update.version != self.cell_version + 1
+        } else if Some(update.version) != self.cell_version.checked_add(1)
             || update.size != self.size
             || !removed.iter().all(|cell| self.cells.contains(cell))
         {
@@ -159,7 +159,7 @@ impl ReceivedMaps {
     pub(crate) fn take_objects(&mut self, update: ObjectUpdate) -> Result<(), Mismatch> {
         if update.whole && update.version > self.object_version {
             self.objects.clear();
-        } else if update.version != self.object_version + 1
+        } else if Some(update.version) != self.object_version.checked_add(1)
             || !update.removed.iter().all(|id| self.objects.contains_key(id))
         {
             return Err(Mismatch);
