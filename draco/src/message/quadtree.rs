@@ -22,7 +22,7 @@ const PRECISION: usize = 12;
 const ONE: u16 = 1 << PRECISION;
 
 /// Cells of a set at most, so that no message makes a listener remember more.
-pub(super) const MOST_CELLS: usize = 1 << 16;
+const MOST_CELLS: usize = 1 << 16;
 
 /// Levels at most: cells of 0.1 m within 100 km of the origin.
 const MOST_LEVELS: u8 = 21;
@@ -91,26 +91,21 @@ pub(super) struct Corrupt;
 ///
 /// * `cells` – offsets from the lower left cell, in any order; equal ones count once.
 pub(super) fn encode(cells: impl Iterator<Item = [u32; 2]>) -> Option<(u8, Vec<u8>)> {
-    let mut cells: Vec<[u32; 2]> = cells.collect();
-    let widest = cells.iter().flatten().max().copied().unwrap_or(0);
+    let mut widest = 0;
+    let code = |[x, y]: [u32; 2]| {
+        widest = x.max(y).max(widest);
+        spread(x) << 1 | spread(y)
+    };
+    let mut codes: Vec<u64> = cells.map(code).collect();
+    codes.sort_unstable();
+    codes.dedup();
     let levels = (u32::BITS - widest.leading_zeros()) as u8;
-    cells.sort_unstable();
-    cells.dedup();
-    if levels > MOST_LEVELS || cells.len() > MOST_CELLS {
+    if levels > MOST_LEVELS || codes.len() > MOST_CELLS {
         return None;
     }
-    let mut codes: Vec<u64> = cells.iter().map(|[x, y]| spread(*x) << 1 | spread(*y)).collect();
-    codes.sort_unstable();
     let mut coder = SmallRangeEncoder::new();
-    let mut square: Vec<u64> = codes.clone();
-    let mut shown = u8::MAX;
     descend(levels, |level, quarter, seen| {
-        if level != shown {
-            square = codes.iter().map(|code| code >> (2 * level)).collect();
-            square.dedup();
-            shown = level;
-        }
-        let occupied = square.binary_search(&quarter).is_ok();
+        let occupied = codes.binary_search_by_key(&quarter, |code| code >> (2 * level)).is_ok();
         if let Some(seen) = seen {
             coder.encode_symbol(occupied, *seen).map_err(|_| Corrupt)?;
         }

@@ -26,19 +26,19 @@ impl Robot {
         let all = std::mem::take(&mut self.accepted);
         let before = all.len();
         for (closure, verdict) in all.into_iter().zip(verdicts) {
-            let (decision, reason) = match verdict {
+            let reason = match verdict {
                 Decision::Accepted => {
                     self.accepted.push(closure);
                     continue;
                 }
-                Decision::Undecided => (verdict, "far from the team's estimate"),
-                Decision::Rejected => (verdict, "the team's estimate contradicts it"),
+                Decision::Undecided => "far from the team's estimate",
+                Decision::Rejected => "the team's estimate contradicts it",
             };
             if let Some(proposal) = self.proposals.get_mut(&(closure.source, closure.target)) {
-                proposal.decision = decision;
+                proposal.decision = verdict;
                 proposal.reason = reason.into();
             }
-            if decision == Decision::Undecided {
+            if verdict == Decision::Undecided {
                 self.doubtful.push(closure);
             }
         }
