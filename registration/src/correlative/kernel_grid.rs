@@ -1,3 +1,5 @@
+use std::ops::Range;
+
 use nalgebra::{Isometry2, Point2};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -92,10 +94,8 @@ impl WithSimd for Stamps<'_> {
         // one line of factors a remainder, each as long as the widest square needs
         let longest = (((2.0 * reach / cell) as usize + 2).div_ceil(step) + 1).next_multiple_of(LANES);
         let mut along = vec![0.0f32; step * longest];
-        let factor = |at: f64, index: usize| {
-            let distance = (index as f64 + 0.5 - at) * cell;
-            (curvature * distance * distance).exp() as f32
-        };
+        let bell = Bell { curvature: curvature * cell * cell, ratio: (2.0 * curvature * cell * cell).exp() };
+        let (mut factors_x, mut factors_y) = (Vec::new(), Vec::new());
         for point in points {
             let (x, y) = kernels.grid.place_of(point);
             let columns = kernels.grid.near(x, reach, kernels.grid.columns);
@@ -103,13 +103,16 @@ impl WithSimd for Stamps<'_> {
                 continue;
             }
             along.fill(0.0);
-            for column in columns.clone() {
+            bell.factors(x, &columns, &mut factors_x);
+            for (column, &factor) in columns.clone().zip(&factors_x) {
                 let place = column / step - columns.start / step;
-                along[(column % step) * longest + place] = factor(x, column);
+                along[(column % step) * longest + place] = factor;
             }
             let length = ((columns.end - 1) / step - columns.start / step + 1).next_multiple_of(LANES);
-            for row in kernels.grid.near(y, reach, kernels.grid.rows) {
-                let across = simd.splat_f32s(factor(y, row));
+            let rows = kernels.grid.near(y, reach, kernels.grid.rows);
+            bell.factors(y, &rows, &mut factors_y);
+            for (row, &factor) in rows.zip(&factors_y) {
+                let across = simd.splat_f32s(factor);
                 for (remainder, line) in along.chunks_exact(longest).enumerate() {
                     let at = kernels.start(remainder, row) + columns.start / step;
                     let (values, _) = S::as_mut_simd_f32s(&mut kernels.values[at..at + length]);
@@ -120,6 +123,43 @@ impl WithSimd for Stamps<'_> {
                     }
                 }
             }
+        }
+    }
+}
+
+/// The kernel along one axis: `exp(curvature · d²)` of a distance `d` in cells.
+struct Bell {
+    curvature: f64,
+    /// `exp(2 · curvature)`, what the ratio of two neighbours' values changes by from one cell to the next.
+    ratio: f64,
+}
+
+impl Bell {
+    /// The values at the centres of a run of cells, by two exponentials and a product a cell each way from the cell nearest
+    /// to the middle, where nothing can underflow that is not zero anyway.
+    ///
+    /// * `at` – middle of the bell, in cells.
+    fn factors(&self, at: f64, cells: &Range<usize>, factors: &mut Vec<f32>) {
+        factors.clear();
+        factors.resize(cells.len(), 0.0);
+        let Some(last) = cells.len().checked_sub(1) else { return };
+        let middle = ((at.floor() - cells.start as f64).max(0.0) as usize).min(last);
+        let off = (cells.start + middle) as f64 + 0.5 - at;
+        let (below, above) = factors.split_at_mut(middle);
+        let peak = (self.curvature * off * off).exp();
+        self.run(off, peak, above.iter_mut());
+        // seen from the other side, and without the cell in the middle, which has its value
+        let next = (self.curvature * (off - 1.0) * (off - 1.0)).exp();
+        self.run(1.0 - off, next, below.iter_mut().rev());
+    }
+
+    /// Values at `off`, `off + 1`, ... cells from the middle, of which the first is `value`.
+    fn run<'a>(&self, off: f64, mut value: f64, factors: impl Iterator<Item = &'a mut f32>) {
+        let mut change = (self.curvature * (2.0 * off + 1.0)).exp();
+        for factor in factors {
+            *factor = value as f32;
+            value *= change;
+            change *= self.ratio;
         }
     }
 }

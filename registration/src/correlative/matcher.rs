@@ -285,34 +285,39 @@ impl Lattice {
         Isometry2::new(moved.coords, self.start.rotation.angle() + angle)
     }
 
-    /// Log posterior of a pose up to a constant.
-    fn log_posterior(&self, score: f64, angle: f64, shift: &Vector2<f64>, params: &CorrelativeParams) -> f64 {
-        let likelihood = params.effective_points * (params.floor + score).ln();
-        let prior = self.information.map_or(0.0, |information| {
-            let xi: Vector3<f64> = self.start.between(&self.pose(angle, shift)).log();
-            -0.5 * xi.dot(&(information * xi))
-        });
-        likelihood + prior
+    /// What the start says of the shifts at one heading: `log(start⁻¹ · pose)` as a function of the shift, or nothing.
+    ///
+    /// At a heading the logarithm is linear in the translation, so three of them tell all others.
+    fn prior(&self, angle: f64) -> Option<Prior> {
+        let information = self.information?;
+        let at = |shift: Vector2<f64>| self.start.between(&self.pose(angle, &shift)).log();
+        let unmoved = at(Vector2::zeros());
+        let along = |axis: Vector2<f64>| at(axis) - unmoved;
+        Some(Prior { information, unmoved, along_x: along(Vector2::x()), along_y: along(Vector2::y()) })
     }
 
-    fn shift(&self, index: usize) -> Vector2<f64> {
-        let side = 2 * self.half + 1;
+    /// The poses with their scores and log posteriors up to a constant, heading after heading and row after row.
+    fn samples(&self, layers: &[Layer], params: &CorrelativeParams) -> Vec<Sample> {
         let along = |k: usize| (k as f64 - self.half as f64) * self.step;
-        Vector2::new(along(index % side), along(index / side))
+        let side = 2 * self.half + 1;
+        let mut samples = Vec::with_capacity(layers.len() * side * side);
+        for &Layer { angle, ref scores } in layers {
+            let prior = self.prior(angle);
+            for (row, scores) in scores.chunks_exact(side).enumerate() {
+                for (column, &score) in scores.iter().enumerate() {
+                    let (shift, score) = (Vector2::new(along(column), along(row)), f64::from(score));
+                    let likelihood = params.effective_points * (params.floor + score).ln();
+                    let log_posterior = likelihood + prior.as_ref().map_or(0.0, |p| p.log_density(&shift));
+                    samples.push(Sample { shift, angle, score, log_posterior });
+                }
+            }
+        }
+        samples
     }
 
     /// Moments over the winning mode, and what lies outside it.
     fn posterior(&self, layers: &[Layer], params: &CorrelativeParams) -> CorrelativeMatch {
-        let samples: Vec<Sample> = layers
-            .iter()
-            .flat_map(|layer| {
-                layer.scores.iter().enumerate().map(|(index, &score)| {
-                    let (shift, score) = (self.shift(index), f64::from(score));
-                    let log_posterior = self.log_posterior(score, layer.angle, &shift, params);
-                    Sample { shift, angle: layer.angle, score, log_posterior }
-                })
-            })
-            .collect();
+        let samples = self.samples(layers, params);
         // Ties go to the first, so the result does not depend on anything but the input.
         let mut best = samples[0];
         for sample in &samples {
@@ -320,20 +325,24 @@ impl Lattice {
                 best = *sample;
             }
         }
-        let near = |s: &&Sample| {
-            (s.shift - best.shift).norm() <= params.far_distance
-                && (s.angle - best.angle).abs() <= params.far_angle
+        let near = |s: &Sample, shift: &Vector2<f64>, angle: f64| {
+            (s.shift - shift).norm() <= params.far_distance && (s.angle - angle).abs() <= params.far_angle
         };
-        let far = samples.iter().filter(|s| !near(s)).map(|s| s.score).fold(0.0, f64::max);
+        let far = samples.iter().filter(|s| !near(s, &best.shift, best.angle));
+        let far = far.map(|s| s.score).fold(0.0, f64::max);
         let background = samples.iter().map(|s| s.score).sum::<f64>() / samples.len() as f64;
+        let weighed: Vec<(Sample, f64)> = samples
+            .iter()
+            .filter(|sample| sample.log_posterior > best.log_posterior - NEGLIGIBLE)
+            .map(|sample| (*sample, (sample.log_posterior - best.log_posterior).exp()))
+            .collect();
+        let around = |shift: Vector2<f64>, angle: f64| {
+            moments(weighed.iter().filter(|(sample, _)| near(sample, &shift, angle)))
+        };
         // The mode is the neighbourhood of its own mean, not of its peak: along a wall the peak may be anywhere.
-        let (mut mean, mut covariance) = moments(samples.iter().filter(near), best.log_posterior);
+        let (mut mean, mut covariance) = around(best.shift, best.angle);
         for _ in 0..MODE_ROUNDS {
-            let within = |s: &&Sample| {
-                (s.shift - mean.xy()).norm() <= params.far_distance
-                    && (s.angle - mean.z).abs() <= params.far_angle
-            };
-            (mean, covariance) = moments(samples.iter().filter(within), best.log_posterior);
+            (mean, covariance) = around(mean.xy(), mean.z);
         }
         let border = self.half as f64 * self.step - 1e-9;
         CorrelativeMatch {
@@ -372,11 +381,27 @@ struct Sample {
     log_posterior: f64,
 }
 
-/// Mean and covariance of `[x, y, θ]` under the weights `exp(log_posterior − peak)`.
-fn moments<'a>(samples: impl Iterator<Item = &'a Sample>, peak: f64) -> (Vector3<f64>, Matrix3<f64>) {
+/// A start's covariance seen from the shifts at one heading.
+struct Prior {
+    information: Matrix3<f64>,
+    /// `ξ = log(start⁻¹ · pose)` without a shift, and what a metre along either axis adds to it.
+    unmoved: Vector3<f64>,
+    along_x: Vector3<f64>,
+    along_y: Vector3<f64>,
+}
+
+impl Prior {
+    /// `-½ ξᵀ Σ⁻¹ ξ`.
+    fn log_density(&self, shift: &Vector2<f64>) -> f64 {
+        let xi = self.unmoved + self.along_x * shift.x + self.along_y * shift.y;
+        -0.5 * xi.dot(&(self.information * xi))
+    }
+}
+
+/// Mean and covariance of `[x, y, θ]` of weighed poses.
+fn moments<'a>(samples: impl Iterator<Item = &'a (Sample, f64)>) -> (Vector3<f64>, Matrix3<f64>) {
     let (mut weight, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
-    for sample in samples.filter(|sample| sample.log_posterior > peak - NEGLIGIBLE) {
-        let w = (sample.log_posterior - peak).exp();
+    for &(sample, w) in samples {
         let u = Vector3::new(sample.shift.x, sample.shift.y, sample.angle);
         weight += w;
         first += w * u;
@@ -399,4 +424,35 @@ fn centroid(points: &[Point2<f64>]) -> Result<Point2<f64>, Error> {
         sum += point.coords;
     }
     Ok(Point2::from(sum / points.len() as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn the_prior_is_that_of_the_pose(
+            start in prop::array::uniform3(-3.0..3.0f64), at in prop::array::uniform2(-20.0..20.0f64),
+            shift in prop::array::uniform2(-5.0..5.0f64), angle in -3.1..3.1f64,
+        ) {
+            let [x, y, heading] = start;
+            let information = Matrix3::new(4.0, 1.0, 0.3, 1.0, 2.0, -0.2, 0.3, -0.2, 9.0);
+            let lattice = Lattice {
+                start: Isometry2::new([x, y].into(), heading),
+                information: Some(information),
+                centroid: Point2::from(at),
+                step: 0.5,
+                half: 6,
+                angle_step: 0.1,
+                half_angles: 1,
+            };
+            let xi: Vector3<f64> = lattice.start.between(&lattice.pose(angle, &shift.into())).log();
+            let expected = -0.5 * xi.dot(&(information * xi));
+            let found = lattice.prior(angle).expect("has a covariance").log_density(&shift.into());
+            prop_assert!((found - expected).abs() <= 1e-9 * (1.0 + expected.abs()), "{found} {expected}");
+        }
+    }
 }
