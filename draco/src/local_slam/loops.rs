@@ -105,12 +105,19 @@ impl LocalSlam {
         }
         let covariance = marginals.relative(key(target), key(source))?;
         let spread = covariance.fixed_view::<2, 2>(0, 0).symmetric_eigenvalues().max().max(0.0).sqrt();
-        let radius = (params.sigmas * spread).clamp(params.radius.0, params.radius.1);
-        let angle = (params.sigmas * covariance[(2, 2)].max(0.0).sqrt()).clamp(0.03, params.max_angle);
+        let mut radius = (params.sigmas * spread).clamp(params.radius.0, params.radius.1);
+        let mut angle = (params.sigmas * covariance[(2, 2)].max(0.0).sqrt()).clamp(0.03, params.max_angle);
         let start =
             Start { target_from_source: self.poses[target].between(&self.poses[source]), covariance: None };
-        let found = Target::new(&map, &params.matching)?.locate_within(&points, &start, radius, angle)?;
-        if found.score < params.min_score {
+        let prepared = Target::new(&map, &params.matching)?;
+        let mut found = prepared.locate_within(&points, &start, radius, angle)?;
+        // the best place at the border of the window means that the map is off by more than its covariance tells
+        while found.at_border && radius < params.radius.1 {
+            radius = (2.0 * radius).min(params.radius.1);
+            angle = (2.0 * angle).min(params.max_angle);
+            found = prepared.locate_within(&points, &start, radius, angle)?;
+        }
+        if found.at_border || found.score < params.min_score {
             return Ok(None);
         }
         let around = Start { target_from_source: found.target_from_source, covariance: None };

@@ -90,12 +90,13 @@ pub struct LoopParams {
     pub per_keyframe: usize,
     /// The search radius is this many standard deviations of the relative pose. Default 3.
     pub sigmas: f64,
-    /// Least and largest search radius, metres. Default 2 to 10 m.
+    /// Least and largest search radius, metres. Default 2 to 10 m. A match at the border of its window is looked for again
+    /// in one twice as wide, and is none if it lies at the border of the widest.
     pub radius: (f64, f64),
     /// Largest search in heading, radians. Default 0.2.
     pub max_angle: f64,
-    /// Least score. Default 0.35, that of a step: what is wrong for want of a short prior is for the test and the kernel to
-    /// find.
+    /// Least score. Default 0.25, less than that of a step: a loop has a submap on either side, and what is wrong is for the
+    /// border of the window, the test and the kernel to find.
     pub min_score: f64,
     /// Matching of the source with the target.
     pub matching: CorrelativeParams,
@@ -118,7 +119,7 @@ impl Default for LoopParams {
             sigmas: 3.0,
             radius: (2.0, 10.0),
             max_angle: 0.2,
-            min_score: 0.35,
+            min_score: 0.25,
             matching: CorrelativeParams::default(),
             refinement: refinement(),
             cauchy: 1.0,
