@@ -53,6 +53,9 @@ pub struct ClosureParams {
     /// The same in heading, radians. Default 2°: short of the 2.5° past which a closure does not count as right, since the
     /// estimate's own headings are good to half a degree.
     pub max_residual_angle: f64,
+    /// Pairs of others that a robot considers for each of them; it considers all of its own. Default 3: teams of up to five
+    /// leave out nothing, and larger ones pay by the robots they meet and not by the pairs among these.
+    pub witnesses: usize,
 }
 
 impl Default for ClosureParams {
@@ -75,6 +78,7 @@ impl Default for ClosureParams {
             max_residual_medians: 4.5,
             max_residual: 2.5,
             max_residual_angle: 2f64.to_radians(),
+            witnesses: 3,
         }
     }
 }

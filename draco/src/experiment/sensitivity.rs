@@ -94,6 +94,7 @@ const KNOBS: &[Knob] = &[
     ("closure.max_residual", |p, f| p.closure.max_residual *= f),
     ("closure.max_residual_angle", |p, f| p.closure.max_residual_angle *= f),
     ("closure.max_residual_medians", |p, f| p.closure.max_residual_medians *= f),
+    ("closure.witnesses", |p, f| count(&mut p.closure.witnesses, f)),
     ("exchange.map_interval", |p, f| count(&mut p.exchange.map_interval, f)),
     ("exchange.object_interval", |p, f| count(&mut p.exchange.object_interval, f)),
 ];

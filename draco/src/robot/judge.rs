@@ -7,6 +7,7 @@ use nalgebra::Isometry2;
 
 use super::Robot;
 use super::partner::Alignment;
+use super::witnesses::{RobotPair, considered};
 use crate::alignment::{Opinion, consensus};
 use crate::consistency::{self, Evidence, Judgement, Method};
 use crate::error::Error;
@@ -26,6 +27,7 @@ impl Robot {
         if self.params.method == Method::Gcm {
             self.leave_out_contradicted(&mut entries)?;
         }
+        self.leave_out_unconsidered(&mut entries);
         if entries.is_empty() {
             self.accepted.clear();
             self.doubtful.clear();
@@ -72,6 +74,14 @@ impl Robot {
             entries.entry(pair).or_insert(entry);
         }
         entries.into_values().cloned().collect()
+    }
+
+    /// Leaves out the closures of the pairs of others that are not [`considered`].
+    fn leave_out_unconsidered(&self, entries: &mut Vec<ClosureEntry>) {
+        let mut counts: BTreeMap<RobotPair, usize> = BTreeMap::new();
+        entries.iter().for_each(|entry| *counts.entry(entry.robots()).or_default() += 1);
+        let considered = considered(self.id, &counts, self.params.closure.witnesses);
+        entries.retain(|entry| considered.contains(&entry.robots()));
     }
 
     /// Own proposals and partners' closures whose robot pairs lie as most of the team believes.

@@ -19,6 +19,7 @@ mod meet;
 mod partner;
 mod reports;
 mod retract;
+mod witnesses;
 
 use std::collections::BTreeMap;
 
