@@ -110,7 +110,7 @@ mod tests {
             taken.iter().for_each(|pair| { left.join(*pair); });
             for robot in 1..=robots {
                 for other in 1..=robots {
-                    let joined = |teams: &Teams| teams.team_of.get(&robot).is_some() && teams.team_of.get(&robot) == teams.team_of.get(&other);
+                    let joined = |teams: &Teams| teams.team_of.contains_key(&robot) && teams.team_of.get(&robot) == teams.team_of.get(&other);
                     prop_assert_eq!(joined(&all), joined(&left));
                 }
             }
