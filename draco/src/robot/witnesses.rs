@@ -25,27 +25,23 @@ pub(super) fn considered(
     closures: &BTreeMap<RobotPair, usize>,
     each: usize,
 ) -> BTreeSet<RobotPair> {
-    let is_own = |pair: &RobotPair| pair.0 == own || pair.1 == own;
-    let mut taken: BTreeSet<RobotPair> = closures.keys().copied().filter(is_own).collect();
-    let mut others: Vec<(RobotPair, usize)> =
-        closures.iter().filter(|(pair, _)| !is_own(pair)).map(|(pair, count)| (*pair, *count)).collect();
-    others.sort_by_key(|(pair, count)| (Reverse(*count), *pair));
+    let (mut taken, others): (BTreeSet<RobotPair>, BTreeSet<RobotPair>) =
+        closures.keys().partition(|pair| pair.0 == own || pair.1 == own);
+    let mut others = Vec::from_iter(others);
+    others.sort_by_key(|pair| (Reverse(closures[pair]), *pair));
     let mut teams = Teams::default();
-    taken.iter().for_each(|pair| {
+    for pair in &taken {
         teams.join(*pair);
-    });
+    }
+    let (joining, rest): (Vec<_>, Vec<_>) = others.into_iter().partition(|pair| teams.join(*pair));
     let mut pairs_of: BTreeMap<RobotId, usize> = BTreeMap::new();
-    let mut take = |pair: RobotPair, pairs_of: &mut BTreeMap<RobotId, usize>| {
-        taken.insert(pair);
-        *pairs_of.entry(pair.0).or_default() += 1;
-        *pairs_of.entry(pair.1).or_default() += 1;
-    };
-    let (joining, rest): (Vec<_>, Vec<_>) = others.into_iter().partition(|(pair, _)| teams.join(*pair));
-    joining.into_iter().for_each(|(pair, _)| take(pair, &mut pairs_of));
-    for (pair, _) in rest {
+    let needed = joining.len();
+    for (index, pair) in joining.into_iter().chain(rest).enumerate() {
         let count = |robot| pairs_of.get(&robot).copied().unwrap_or(0);
-        if count(pair.0).max(count(pair.1)) < each {
-            take(pair, &mut pairs_of);
+        if index < needed || count(pair.0).max(count(pair.1)) < each {
+            taken.insert(pair);
+            *pairs_of.entry(pair.0).or_default() += 1;
+            *pairs_of.entry(pair.1).or_default() += 1;
         }
     }
     taken
